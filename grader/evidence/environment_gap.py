@@ -107,7 +107,7 @@ def _removed_name(found: Diagnosis, file: str, text: str) -> str | None:
     """Say that a program uses a name that only older versions of NumPy have; None if its line does not show the name."""
     lines = text.split("\n")
     line = found.line or 0
-    is_shown = 0 < line <= len(lines) and f".{found.subject}" in lines[line - 1]
+    is_shown = any(f".{found.subject}" in each for each in lines[line - 1 : line])
     if not is_shown or found.subject not in _ONLY_IN_NUMPY_1:
         return None
     problem = f"uses np.{found.subject}, which the NumPy of ROS 2 Jazzy has and NumPy 2 of the grading computer lacks"

@@ -84,8 +84,10 @@ def _sleep_without_spin(tree: ast.Module) -> int | None:
         has_rate |= name == "create_rate"
         if called.endswith(".sleep"):
             sleeps.append((called == "time.sleep", node.lineno))
+    if not has_rate:
+        return None
     is_of_time, line = min(sleeps, default=(True, 0))
-    return line if has_rate and not is_of_time else None
+    return None if is_of_time else line
 
 
 def corrected(found: Diagnosis, text: str) -> Diagnosis:

@@ -57,7 +57,7 @@ class GivenText:
             return tuple(document)
         said = _said(_blocks(document))
         given = sum(form in self.sentences for form in said)
-        is_copy = given > 0 and 2 * given >= len(said)
+        is_copy = 2 * given >= max(len(said), 1)
         own = []
         for section in document:
             blocks = [block for block in section.blocks if not self._holds(block, is_copy)]
@@ -70,7 +70,9 @@ class GivenText:
         if block.kind == "code":
             return False
         forms = _known_sentences(block.text)
-        return bool(forms) and self.sentences.issuperset(forms)
+        if not forms:
+            return False
+        return self.sentences.issuperset(forms)
 
 
 def is_own_export(text: str) -> bool:

@@ -348,7 +348,9 @@ class _Own:
         return substance(self.text) >= _SHORT_WORDS
 
     def is_foreign(self, connectives: Collection[str]) -> bool:
-        """Tell whether hardly a word is a known connective."""
+        """Tell whether hardly a word is a known connective; False if none are known."""
+        if not connectives:
+            return False
         spoken = words(self.text)
         known = sum(word in connectives for word in spoken)
         return all(map(_is_known, spoken)) and known < _FEW_CONNECTIVES * len(spoken)
@@ -388,7 +390,7 @@ class _DiscussionReader:
         is_long = measure(own.words) >= 2 * self._min_words
         if len(named) > 1 and (is_long or self._reasoning.found(own.text)):
             self._related.append(own.passage)
-        if is_long and self._connecting and own.is_foreign(self._connecting):
+        if is_long and own.is_foreign(self._connecting):
             self._unclear.append(own.passage)
         if lacks_sentences(own.passage.text, self._connectives):
             self._strung.append(own.passage)
@@ -407,12 +409,12 @@ class _DiscussionReader:
 
 def _own_texts(passages: Iterable[Passage], every: Terms, given: Collection[str]) -> Iterator[_Own]:
     """Yield the student's own text of passages; a repeated sentence counts once in all of them, a given one never."""
-    seen = set(given)
+    seen = {"", *given}
     for passage in passages:
         fresh: list[str] = []
         for sentence in sentences(passage.text):
             form = normal_form(sentence)
-            if form and form not in seen:
+            if form not in seen:
                 seen.add(form)
                 fresh.append(sentence)
         joined = "\n".join(fresh)

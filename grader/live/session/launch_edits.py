@@ -152,14 +152,18 @@ def _returns(text: str, problem: Problem) -> Iterator[Edit]:
         if isinstance(last, ast.Expr) and _makes_description(last.value):
             line = lines.lines[last.lineno - 1]
             at = last.col_offset
-            yield _returning(lines.with_line(last.lineno, f"{line[:at]}return {line[at:]}"), last)
+            returning = f"{line[:at]}return {line[at:]}"
+            edited = lines.with_line(last.lineno, returning)
+            yield _returning(edited, last)
         for statement in function.body:
             if isinstance(statement, ast.Assign) and _makes_description(statement.value):
                 target = ast.unparse(statement.targets[0])
                 end = last.end_lineno or last.lineno
                 line = lines.lines[end - 1]
-                following = f"{line}\n{' ' * last.col_offset}return {target}"
-                yield _returning(lines.with_line(end, following), last)
+                indent = " " * last.col_offset
+                following = f"{line}\n{indent}return {target}"
+                edited = lines.with_line(end, following)
+                yield _returning(edited, last)
 
 
 def _makes_description(value: ast.expr) -> bool:
@@ -176,11 +180,9 @@ def _renamed(text: str, problem: Problem) -> Iterator[Edit]:
     meant = re.match(r"Rename '(\w{1,100})'", problem.remedy)
     if meant is not None:
         name = meant[1]
-        yield Edit(
-            re.sub(rf"\b{name}\b", _FUNCTION, text),
-            f"'{name}' was read as '{_FUNCTION}'",
-            problem.remedy,
-        )
+        renamed = re.sub(rf"\b{name}\b", _FUNCTION, text)
+        done = f"'{name}' was read as '{_FUNCTION}'"
+        yield Edit(renamed, done, problem.remedy)
 
 
 def _imported(text: str, problem: Problem) -> Iterator[Edit]:
@@ -199,15 +201,18 @@ def _imported(text: str, problem: Problem) -> Iterator[Edit]:
             continue
         kept = [alias for alias in node.names if alias.name != name[1]]
         if len(kept) < len(node.names) and node.end_lineno is not None:
-            others = ast.unparse(ast.ImportFrom(node.module, kept, node.level)) if kept else ""
-            moved = [each for each in (others, line) if each]
-            text = "\n".join(
-                [*lines.lines[: node.lineno - 1], *moved, *lines.lines[node.end_lineno :]]
-            )
+            moved = [line]
+            if kept:
+                moved.insert(0, ast.unparse(ast.ImportFrom(node.module, kept, node.level)))
+            above = lines.lines[: node.lineno - 1]
+            below = lines.lines[node.end_lineno :]
+            text = "\n".join([*above, *moved, *below])
             yield Edit(text, done, problem.remedy)
     if problem.kind == "unknown_name":
-        at = _end_of_imports(text)
-        added = "\n".join([*lines.lines[:at], line, *lines.lines[at:]])
+        end = _end_of_imports(text)
+        above = lines.lines[:end]
+        below = lines.lines[end:]
+        added = "\n".join([*above, line, *below])
         yield Edit(added, done, problem.remedy)
 
 
