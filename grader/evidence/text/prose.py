@@ -23,7 +23,6 @@ from grader.evidence.text.words import (
     measure,
     normal_form,
     sentences,
-    substance,
     words,
 )
 from grader.lab.patterns import search
@@ -43,6 +42,8 @@ _LONG_STRETCH = 8
 #: Distinct words, and distinct concepts, from which a short passage may discuss.
 _SHORT_WORDS = 8
 _SHORT_CONCEPTS = 2
+#: Share of numbers among the words of a passage above which the passage is data.
+_SHARE_OF_NUMBERS = 0.25
 #: Own words, besides names, that connect these.
 _SHORT_OWN_WORDS = 3
 #: Share of connectives below which words are only strung together, or in a language unknown here.
@@ -345,7 +346,11 @@ class _Own:
         """Tell whether a passage of few own words may say something about some concepts."""
         if concepts < _SHORT_CONCEPTS or measure(self.words) < _SHORT_OWN_WORDS:
             return False
-        return substance(self.text) >= _SHORT_WORDS
+        spoken = words(self.text)
+        numbers = sum(word[0].isdigit() for word in spoken)
+        # A table of results is not a text.
+        is_data = numbers > _SHARE_OF_NUMBERS * len(spoken)
+        return not is_data and measure(spoken) >= _SHORT_WORDS
 
     def is_foreign(self, connectives: Collection[str]) -> bool:
         """Tell whether hardly a word is a known connective; False if none are known."""
