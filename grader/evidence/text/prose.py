@@ -349,8 +349,9 @@ class _Own:
         spoken = words(self.text)
         numbers = sum(word[0].isdigit() for word in spoken)
         # A table of results is not a text.
-        is_data = numbers > _SHARE_OF_NUMBERS * len(spoken)
-        return not is_data and measure(spoken) >= _SHORT_WORDS
+        if numbers > _SHARE_OF_NUMBERS * len(spoken):
+            return False
+        return measure(spoken) >= _SHORT_WORDS
 
     def is_foreign(self, connectives: Collection[str]) -> bool:
         """Tell whether hardly a word is a known connective; False if none are known."""
