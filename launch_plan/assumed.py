@@ -1,7 +1,7 @@
-"""Parameters whose values depend on an assumption about a launch argument.
+"""Parameters with values from an assumption about a launch argument.
 
-A launch file that uses an argument without declaring it is evaluated with an assumed value. What a node would get of that
-value is nobody's choice, so such parameters are left to the node's own defaults.
+A launch file with an undeclared argument is evaluated with an assumed value. Nobody has chosen this value, so
+parameters that depend on it are left to the node's own defaults.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from launch_plan.format import PARAMETERS_PLACEHOLDER
-from launch_plan.plan import Plan, Process
+from launch_plan.plan import Parameter, Plan, Process
 
 #: A line of a parameter file with one value, e.g. `    rate: 50`.
 _VALUE = re.compile(r"\s+[^\s:#-][^:]*: *\S")
@@ -20,14 +20,17 @@ _FLAGS = ("-p", "--param", "--params-file")
 
 
 def without_assumed_parameters(plan: Plan, twin: Plan) -> Plan:
-    """Return a plan without the parameters that differ in its twin, a plan of the same file with another assumption."""
+    """Return a plan without the parameters that differ in its twin.
+
+    The twin is a plan of the same file with another assumption.
+    """
     twins = {process.id: process for process in twin.processes}
     processes = [_without(process, twins.get(process.id)) for process in plan.processes]
     return replace(plan, processes=tuple(processes))
 
 
 def left_out(plan: Plan, without: Plan) -> dict[str, list[str]]:
-    """Return the names of parameters that a plan has and its form without them lacks, by process."""
+    """Return the names of the parameters left out of a plan, by process."""
     found: dict[str, list[str]] = {}
     for process, bare in zip(plan.processes, without.processes, strict=True):
         names = process.effective_parameters().keys() - bare.effective_parameters()
@@ -37,41 +40,44 @@ def left_out(plan: Plan, without: Plan) -> dict[str, list[str]]:
 
 
 def _without(process: Process, twin: Process | None) -> Process:
-    if twin is None or len(process.argv) != len(twin.argv):
+    if twin is None:
+        return process
+    if len(process.argv) != len(twin.argv):
         return process
     files: dict[str, str] = {}
     for name, text in process.parameter_files.items():
         files[name] = _common(text, twin.parameter_files.get(name, text))
-    kept = [item for item in process.parameters if item.name is None or item in twin.parameters]
-    return replace(
-        process,
-        argv=_words(process.argv, twin.argv, files),
-        parameters=tuple(kept),
-        parameter_files=files,
-    )
+    twins = [item for item in twin.parameters if item.name is not None]
+    kept: list[Parameter] = []
+    for item in process.parameters:
+        if item.name is None or item in twins:
+            kept.append(item)
+    argv = _words(process.argv, twin.argv, files)
+    return replace(process, argv=argv, parameters=tuple(kept), parameter_files=files)
 
 
 def _common(text: str, other: str) -> str:
-    """Return a parameter file without the values that differ in another one."""
+    """Return a parameter file without the values that differ in another file."""
     lines = text.split("\n")
     others = other.split("\n")
     if len(lines) != len(others):
         return text
     kept: list[str] = []
     for line, twin in zip(lines, others, strict=True):
-        if line == twin or not _VALUE.match(line):
-            kept.append(line)
+        if line != twin and _VALUE.match(line):
+            continue
+        kept.append(line)
     return "\n".join(kept)
 
 
 def _words(
     words: Sequence[str], others: Sequence[str], files: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Return a command line without parameters that differ, and without files that no longer hold a value."""
+    """Return a command line without differing parameters and without files of no value."""
     kept: list[str] = []
     for word, other in zip(words, others, strict=True):
-        is_given = bool(kept) and kept[-1] in _FLAGS
-        if is_given and (word != other or _is_empty(word, files)):
+        is_dropped = word != other or _is_empty(word, files)
+        if is_dropped and kept[-1:] and kept[-1] in _FLAGS:
             kept.pop()
         else:
             kept.append(word)
@@ -80,5 +86,7 @@ def _words(
 
 def _is_empty(path: str, files: Mapping[str, str]) -> bool:
     """Tell whether a word of a command line is a file of the plan without a value."""
-    text = files.get(path.removeprefix(f"{PARAMETERS_PLACEHOLDER}/"))
-    return text is not None and not any(map(_VALUE.match, text.split("\n")))
+    name = path.removeprefix(f"{PARAMETERS_PLACEHOLDER}/")
+    if name not in files:
+        return False
+    return not any(map(_VALUE.match, files[name].split("\n")))

@@ -32,7 +32,7 @@ def _sub_modules(modules: Iterable[str]) -> dict[str, list[str]]:
     return found
 
 
-#: Names by module: those of `launch` and its companions, and those of other packages that a module imports for itself.
+#: Names by module: names of `launch` and its companions, and names of other packages.
 NAMES, FOREIGN = _with_patches(_words("names")), _words("foreign")
 SUBMODULES = _sub_modules(NAMES)
 LATER = _words("later")
@@ -44,7 +44,9 @@ _RELEASED = re.compile("|".join(_words("packages")["released"]))
 
 def starred(module: str) -> list[str]:
     """Return the names that `from module import *` brings."""
-    return _STARRED.get(module) or [*NAMES[module], *FOREIGN.get(module, ())]
+    if module in _STARRED:
+        return _STARRED[module]
+    return [*NAMES[module], *FOREIGN.get(module, ())]
 
 
 def is_released(package: str) -> bool:
@@ -56,4 +58,6 @@ def homes_of(name: str) -> list[str]:
     """Return the packages of `launch` and `launch_ros` that show a name, e.g. of `Node`; else the modules."""
     modules = sorted(module for module, names in NAMES.items() if name in names)
     packages = [module for module in modules if module in SUBMODULES]
-    return packages or modules
+    if not packages:
+        return modules
+    return packages

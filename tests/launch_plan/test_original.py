@@ -26,6 +26,7 @@ from tests.launch_plan.evaluations import (  # noqa: E402
     original_environment,
     plans_of,
 )
+from tests.launch_plan.launch_cases import Case  # noqa: E402
 from tests.launch_plan.outline import outline  # noqa: E402
 
 pytestmark = [pytest.mark.slow, needs_the_original]
@@ -87,7 +88,7 @@ def difference(ours: dict[str, Any], theirs: dict[str, Any], *, lines: bool) -> 
     )
 
 
-def _is_python(case: conformance.Case) -> bool:
+def _is_python(case: Case) -> bool:
     """Tell whether all launch files of a case are in Python, so that the original knows the lines."""
     return all(
         name.endswith(".py") or "launch" not in name for name in [case.filename, *case.files]
