@@ -83,9 +83,11 @@ class _Search:
         """Return the names of the lab that nothing in the graph has, nor a misspelt one."""
         probe = self._probe
         graph = probe.watch.last
-        there = {endpoint.topic for endpoint in graph.endpoints} | set(graph.nodes)
-        for servers in (graph.services, graph.actions, graph.action_clients):
-            there.update(server.name for server in servers)
+        there = set(graph.nodes)
+        for endpoint in graph.endpoints:
+            there.add(endpoint.topic)
+        for server in graph.services:
+            there.add(server.name)
         return probe.expected - there - probe.names.keys()
 
     def candidates(self) -> list[Candidate]:

@@ -56,7 +56,7 @@ class PublicModule(ModuleType):
 
 
 def _evaluated(title: str, name: str) -> Any:
-    """Return the object of the stand-in for a name of a module, or one that no launch file can use."""
+    """Return the object of the stand-in for a name of a module, or an object without effect."""
     for home in (title, title.rpartition(".")[0], *_implemented):
         found = vars(_implemented.get(home, object)).get(name)
         if found is None:
