@@ -24,24 +24,28 @@ def without_assumed_parameters(plan: Plan, twin: Plan) -> Plan:
 
     The twin is a plan of the same file with another assumption.
     """
-    twins = {process.id: process for process in twin.processes}
-    processes = [_without(process, twins.get(process.id)) for process in plan.processes]
-    return replace(plan, processes=tuple(processes))
+    twins: dict[str, Process] = {}
+    for process in twin.processes:
+        twins[process.id] = process
+    kept: list[Process] = []
+    for process in plan.processes:
+        other = twins.get(process.id, process)
+        kept.append(_without(process, other))
+    return replace(plan, processes=tuple(kept))
 
 
 def left_out(plan: Plan, without: Plan) -> dict[str, list[str]]:
     """Return the names of the parameters left out of a plan, by process."""
     found: dict[str, list[str]] = {}
     for process, bare in zip(plan.processes, without.processes, strict=True):
-        names = process.effective_parameters().keys() - bare.effective_parameters()
+        names = set(process.effective_parameters())
+        names.difference_update(bare.effective_parameters())
         if names:
             found[process.id] = sorted(names)
     return found
 
 
-def _without(process: Process, twin: Process | None) -> Process:
-    if twin is None:
-        return process
+def _without(process: Process, twin: Process) -> Process:
     if len(process.argv) != len(twin.argv):
         return process
     files: dict[str, str] = {}
@@ -64,9 +68,8 @@ def _common(text: str, other: str) -> str:
         return text
     kept: list[str] = []
     for line, twin in zip(lines, others, strict=True):
-        if line != twin and _VALUE.match(line):
-            continue
-        kept.append(line)
+        if line == twin or not _VALUE.match(line):
+            kept.append(line)
     return "\n".join(kept)
 
 
@@ -75,12 +78,15 @@ def _words(
 ) -> tuple[str, ...]:
     """Return a command line without differing parameters and without files of no value."""
     kept: list[str] = []
+    before = ""
     for word, other in zip(words, others, strict=True):
-        is_dropped = word != other or _is_empty(word, files)
-        if is_dropped and kept[-1:] and kept[-1] in _FLAGS:
-            kept.pop()
-        else:
-            kept.append(word)
+        is_dropped = word != other
+        if _is_empty(word, files):
+            is_dropped = True
+        kept.append(word)
+        if is_dropped and before in _FLAGS:
+            del kept[-2:]
+        before = word
     return tuple(kept)
 
 
@@ -89,4 +95,7 @@ def _is_empty(path: str, files: Mapping[str, str]) -> bool:
     name = path.removeprefix(f"{PARAMETERS_PLACEHOLDER}/")
     if name not in files:
         return False
-    return not any(map(_VALUE.match, files[name].split("\n")))
+    for line in files[name].split("\n"):
+        if _VALUE.match(line):
+            return False
+    return True

@@ -56,8 +56,14 @@ def is_released(package: str) -> bool:
 
 def homes_of(name: str) -> list[str]:
     """Return the packages of `launch` and `launch_ros` that show a name, e.g. of `Node`; else the modules."""
-    modules = sorted(module for module, names in NAMES.items() if name in names)
-    packages = [module for module in modules if module in SUBMODULES]
+    modules: list[str] = []
+    packages: list[str] = []
+    for module, names in sorted(NAMES.items()):
+        if name not in names:
+            continue
+        modules.append(module)
+        if module in SUBMODULES:
+            packages.append(module)
     if not packages:
         return modules
     return packages
