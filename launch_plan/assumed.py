@@ -1,7 +1,7 @@
-"""Parameters that follow from an assumption about a launch argument.
+"""Parameters with values from an assumption about a launch argument.
 
-A launch file that uses an argument without declaring it is evaluated with an assumed value. Nobody chose
-that value, so parameters that depend on it are left to the node's own defaults.
+A launch file with an undeclared argument is evaluated with an assumed value. Nobody has chosen this value, so
+parameters that depend on it are left to the node's own defaults.
 """
 
 from __future__ import annotations
@@ -11,26 +11,35 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from launch_plan.format import PARAMETERS_PLACEHOLDER
-from launch_plan.plan import Plan, Process
+from launch_plan.plan import Parameter, Plan, Process
 
 #: A line of a parameter file with one value, e.g. `    rate: 50`.
 _VALUE = re.compile(r"\s+[^\s:#-][^:]*: *\S")
 #: Words of a command line before a parameter, or before a file of parameters.
-_FLAGS = frozenset(("-p", "--param", "--params-file"))
+_FLAGS = ("-p", "--param", "--params-file")
 
 
 def without_assumed_parameters(plan: Plan, twin: Plan) -> Plan:
-    """Return a plan without the parameters that differ in its twin, a plan of the same file with another assumption."""
-    twins = {process.id: process for process in twin.processes}
-    processes = [_without(process, twins.get(process.id, process)) for process in plan.processes]
-    return replace(plan, processes=tuple(processes))
+    """Return a plan without the parameters that differ in its twin.
+
+    The twin is a plan of the same file with another assumption.
+    """
+    twins: dict[str, Process] = {}
+    for process in twin.processes:
+        twins[process.id] = process
+    kept: list[Process] = []
+    for process in plan.processes:
+        other = twins.get(process.id, process)
+        kept.append(_without(process, other))
+    return replace(plan, processes=tuple(kept))
 
 
 def left_out(plan: Plan, without: Plan) -> dict[str, list[str]]:
-    """Return the names of parameters that a plan has and its form without them lacks, by process."""
+    """Return the names of the parameters left out of a plan, by process."""
     found: dict[str, list[str]] = {}
     for process, bare in zip(plan.processes, without.processes, strict=True):
-        names = process.effective_parameters().keys() - bare.effective_parameters()
+        names = set(process.effective_parameters())
+        names.difference_update(bare.effective_parameters())
         if names:
             found[process.id] = sorted(names)
     return found
@@ -42,17 +51,17 @@ def _without(process: Process, twin: Process) -> Process:
     files: dict[str, str] = {}
     for name, text in process.parameter_files.items():
         files[name] = _common(text, twin.parameter_files.get(name, text))
-    kept = [item for item in process.parameters if item.name is None or item in twin.parameters]
-    return replace(
-        process,
-        argv=_words(process.argv, twin.argv, files),
-        parameters=tuple(kept),
-        parameter_files=files,
-    )
+    twins = [item for item in twin.parameters if item.name is not None]
+    kept: list[Parameter] = []
+    for item in process.parameters:
+        if item.name is None or item in twins:
+            kept.append(item)
+    argv = _words(process.argv, twin.argv, files)
+    return replace(process, argv=argv, parameters=tuple(kept), parameter_files=files)
 
 
 def _common(text: str, other: str) -> str:
-    """Return a parameter file without the values that differ in another one."""
+    """Return a parameter file without the values that differ in another file."""
     lines = text.split("\n")
     others = other.split("\n")
     if len(lines) != len(others):
@@ -67,14 +76,17 @@ def _common(text: str, other: str) -> str:
 def _words(
     words: Sequence[str], others: Sequence[str], files: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Return a command line without parameters that differ, and without files that no longer hold a value."""
+    """Return a command line without differing parameters and without files of no value."""
     kept: list[str] = []
+    before = ""
     for word, other in zip(words, others, strict=True):
-        is_left_out = word != other or _is_empty(word, files)
-        if is_left_out and not _FLAGS.isdisjoint(kept[-1:]):
-            kept.pop()
-        else:
-            kept.append(word)
+        is_dropped = word != other
+        if _is_empty(word, files):
+            is_dropped = True
+        kept.append(word)
+        if is_dropped and before in _FLAGS:
+            del kept[-2:]
+        before = word
     return tuple(kept)
 
 
@@ -83,4 +95,7 @@ def _is_empty(path: str, files: Mapping[str, str]) -> bool:
     name = path.removeprefix(f"{PARAMETERS_PLACEHOLDER}/")
     if name not in files:
         return False
-    return not any(map(_VALUE.match, files[name].split("\n")))
+    for line in files[name].split("\n"):
+        if _VALUE.match(line):
+            return False
+    return True

@@ -32,7 +32,7 @@ def _sub_modules(modules: Iterable[str]) -> dict[str, list[str]]:
     return found
 
 
-#: Names by module: names of `launch` and its companions, and names of other packages that a module imports for itself.
+#: Names by module: names of `launch` and its companions, and names of other packages.
 NAMES, FOREIGN = _with_patches(_words("names")), _words("foreign")
 SUBMODULES = _sub_modules(NAMES)
 LATER = _words("later")
@@ -56,8 +56,14 @@ def is_released(package: str) -> bool:
 
 def homes_of(name: str) -> list[str]:
     """Return the packages of `launch` and `launch_ros` that show a name, e.g. of `Node`; else the modules."""
-    modules = sorted(module for module, names in NAMES.items() if name in names)
-    packages = [module for module in modules if module in SUBMODULES]
-    if packages:
-        return packages
-    return modules
+    modules: list[str] = []
+    packages: list[str] = []
+    for module, names in sorted(NAMES.items()):
+        if name not in names:
+            continue
+        modules.append(module)
+        if module in SUBMODULES:
+            packages.append(module)
+    if not packages:
+        return modules
+    return packages

@@ -309,7 +309,9 @@ def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping
         if isinstance(value, Mapping) and key == "ros__parameters":
             found.append((above, value))
         elif isinstance(value, Mapping):
-            section = f"{above}/{key}" if above else str(key)
+            section = str(key)
+            if above:
+                section = f"{above}/{key}"
             found += _sections(value, section)
     return found
 

@@ -78,7 +78,12 @@ def worked_around(context: Context, step: str, *kinds: str) -> list[Repair]:
 def _left_out(context: Context, step: str) -> Mapping[str, Sequence[str]]:
     """Return the parameters, by process, that were left out because their argument has no value."""
     run = context.session.step(step)
-    return {} if run is None else PlanResult.of(run).left_out or {}
+    if run is None:
+        return {}
+    left_out = PlanResult.of(run).left_out
+    if left_out is None:
+        return {}
+    return left_out
 
 
 class LaunchLoads(Parameters):

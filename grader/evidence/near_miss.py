@@ -138,6 +138,14 @@ def _are_slips(words: list[str], others: list[str]) -> bool:
     return True
 
 
+def _is_like_one(name: str, others: Iterable[str], least: float) -> bool:
+    """Tell whether a name is more like one of some names than a least likeness."""
+    for other in others:
+        if likeness(other, name) > least:
+            return True
+    return False
+
+
 def near_miss(
     wanted: str,
     wanted_type: str | None,
@@ -154,11 +162,11 @@ def near_miss(
         Other names of the lab that are missing in the graph. A candidate that is more like one of them is not taken:
         `/my_number` is no `/number_count` where `/number` is missing too.
     """
-    rivals = [name for name in others if name != wanted]
+    rivals = set(others) - {wanted}
     found = set()
     for candidate in candidates:
-        own = likeness(wanted, candidate.name)
-        if all(likeness(name, candidate.name) <= max(own, LEAST_RATIO) for name in rivals):
+        least = max(likeness(wanted, candidate.name), LEAST_RATIO)
+        if not _is_like_one(candidate.name, rivals, least):
             found.add(candidate)
     same_type = {candidate for candidate in found if candidate.type == wanted_type}
     if len(same_type) == 1:

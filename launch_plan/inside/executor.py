@@ -529,8 +529,8 @@ class Executor:
         target = private(action, "LoadComposableNodes", "target_container")
         components = [self._describer.component(node, context) for node in wanted]
         if id(target) in self._entries:
-            loaded = self._entries[id(target)].setdefault("components", [])
-            loaded.extend(components)
+            entry = self._entries[id(target)]
+            entry.setdefault("components", []).extend(components)
             return
         container = target.node_name if hasattr(target, "node_name") else text_of(target, context)
         self.note("loaded_components", {"container": container, "components": components}, action)

@@ -28,6 +28,7 @@ _PREFIX = re.compile(
 )
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 _TRACEBACK = re.compile(r"\s*(?:\+ Exception Group )?Traceback \(most recent call last\):\s*$")
+_MESSAGE = re.compile(r"[^\s|+]")
 _FRAME = re.compile(r"[ |]{0,40}File \"[^\"]{1,2000}\", line \d{1,9}")
 #: A number that may have a decimal comma; a list such as `1,2,3` has none, nor has `[1,2]`.
 _COMMA = re.compile(r"(?<![\w.,])([+-]?\d+),(\d+)(?![\w.]|,\d)")
@@ -48,28 +49,36 @@ def plain_output(output: Sequence[OutputLine]) -> list[OutputLine]:
             lines.append(line if text == line.text else replace(line, text=text))
             continue
         for part in text.split("\r"):
-            shown = _CONTROL.sub("", part)
-            if shown or not part:
-                lines.append(replace(line, text=shown))
+            lines.append(replace(line, text=_CONTROL.sub("", part)))
     return lines
 
 
 def read_output(output: Sequence[OutputLine]) -> list[OutputLine]:
-    """Return the lines in which numbers of a program are sought: without tracebacks and prefixes, with decimal points."""
+    """Return the lines for the search of numbers: without tracebacks and prefixes, with decimal points."""
     lines: list[OutputLine] = []
     for line in _without_tracebacks(plain_output(output)):
         prefix = _PREFIX.match(line.text)
-        if prefix is not None and prefix.end():
+        if prefix is not None:
             line = replace(line, text=line.text[prefix.end() :])
         lines.append(line)
-    if not any(_FRACTION.search(_PAIR.sub("", line.text)) for line in lines):
+    if not _has_decimal_commas(lines):
         return lines
     return [replace(line, text=_with_points(line.text)) for line in lines]
 
 
+def _has_decimal_commas(lines: Sequence[OutputLine]) -> bool:
+    """Tell whether a line has a number that only a decimal comma explains."""
+    for line in lines:
+        if _FRACTION.search(_PAIR.sub("", line.text)):
+            return True
+    return False
+
+
 def _with_points(text: str) -> str:
     """Return a line with points in place of decimal commas; a line with a point has no decimal comma."""
-    if _POINT.search(text) or _PAIR.search(text):
+    if _POINT.search(text):
+        return text
+    if _PAIR.search(text):
         return text
     return _COMMA.sub(r"\1.\2", text)
 
@@ -80,17 +89,17 @@ def _without_tracebacks(lines: Sequence[OutputLine]) -> Iterator[OutputLine]:
     for line in lines:
         text = line.text
         is_frame = _FRAME.match(text) is not None
-        if _TRACEBACK.match(text) or is_frame:
+        if is_frame or _TRACEBACK.match(text):
             inside[line.stream] = True
-        elif not inside.get(line.stream, False) or text.startswith("["):
+        elif not inside[line.stream] or text.startswith("["):
             yield line
-        elif text[:1].strip() and not text.startswith(("|", "+")):
+        elif _MESSAGE.match(text):
             # The exception with its message ends the traceback.
             inside[line.stream] = False
 
 
 def is_whole(text: str, start: int, end: int) -> bool:
-    """Tell whether a number in a text is not a part of a longer one, e.g. `0` of `0,1234` or `4` of `:.4f`."""
+    """Tell whether a number in a text is a whole one, unlike `0` of `0,1234` or `4` of `:.4f`."""
     before = text[max(0, start - 2) : start]
     # Several points lead to a number, as in `RMS ... 0.1`.
     if re.search(r"\d[.,]?$|(?:^|[^.])\.$", before):

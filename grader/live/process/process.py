@@ -33,6 +33,8 @@ MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
 MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
+#: A line that its first character read later, or the one before it, ends.
+_COMPLETE = re.compile(rb"[^\r\n][\r\n]\Z|\r[^\r\n]\Z")
 #: End of a line; a carriage return at the end of a block may be followed by a line feed.
 _LINE_END = re.compile(rb"\r?\n|\r(?!\n|\Z)")
 #: Time between SIGINT, SIGTERM and SIGKILL.
@@ -156,8 +158,9 @@ class RunningProcess:
                 rest = b""
                 continue
             # The first line may have been complete before, as is a status line that begins with a carriage return.
-            was_complete = rest.endswith(b"\r") or (rest != b"" and block[:1] in b"\r\n")
-            first_ns = rest_ns if was_complete else now
+            first_ns = now
+            if _COMPLETE.search(rest + block[:1]):
+                first_ns = rest_ns
             *lines, rest = _LINE_END.split(rest + block)
             if len(rest) > MAX_LINE_BYTES:
                 lines, rest = [*lines, rest], b""

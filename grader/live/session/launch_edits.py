@@ -12,18 +12,18 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import NamedTuple
 
-from grader.evidence.newer_python import python_needed
+from grader.evidence.newer_python import is_newer_python
 from grader.submission.python_source import parse_python
 from launch_plan.plan import Problem
 
 #: Most characters of a file that is edited, and most texts that are tried.
 _MOST_CHARACTERS = 100_000
 _MOST_TRIED = 400
-#: Lines before and behind that of an error, in which a bracket may be missing.
+#: Lines before and behind an error that are searched for a missing bracket.
 _REACH = 15
 _FUNCTION = "generate_launch_description"
 _CLOSING = (")", "]", "}")
-#: A gap inside a line, where a comma may be missing: between `)` and `(`, or a quote and a name.
+#: Gaps inside a line for a missing comma: between `)` and `(`, or between a quote and a name.
 _GAP = re.compile(r"(?<=[\w)\]}'\"])\s*(?=[(\[{'\"])|(?<=[\w)\]}'\"])\s+(?=\w)")
 
 
@@ -37,11 +37,15 @@ class Edit(NamedTuple):
 
 def edit(text: str, problem: Problem) -> Edit | None:
     """Return a launch file with one edit that mends a problem; None if no edit does."""
-    if len(text) > _MOST_CHARACTERS or python_needed(text):
+    if len(text) > _MOST_CHARACTERS:
+        return None
+    if is_newer_python(text):
         return None
     for find in _BY_KIND.get(problem.kind, ()):
         for candidate in islice(find(text, problem), _MOST_TRIED):
-            if candidate.text != text and _is_python(candidate.text):
+            if candidate.text == text:
+                continue
+            if _is_python(candidate.text):
                 return candidate
     return None
 
@@ -63,16 +67,22 @@ def _tree(text: str) -> ast.Module:
 
 
 class _Lines:
-    """The lines of a text, of which one is changed."""
+    """The lines of a text, one of them to be changed."""
 
     def __init__(self, text: str) -> None:
         self.lines = text.split("\n")
 
     def near(self, line: int | None) -> list[int]:
         """Return the numbers of lines with code, the nearest to an error first."""
-        at = line or 1
-        nearest = [at, *range(at - 1, at - _REACH, -1), *range(at + 1, at + _REACH)]
-        return [n for n in nearest if 0 < n <= len(self.lines) and self.code(n)]
+        at = 1 if line is None else line
+        before = range(at - 1, at - _REACH, -1)
+        behind = range(at + 1, at + _REACH)
+        known = range(1, len(self.lines) + 1)
+        nearest: list[int] = []
+        for number in (at, *before, *behind):
+            if number in known and self.code(number):
+                nearest.append(number)
+        return nearest
 
     def code(self, number: int) -> str:
         """Return a line without its comment and the blanks behind its code; quotes are not looked at."""
@@ -119,7 +129,7 @@ def _signs(text: str, problem: Problem) -> Iterator[Edit]:
 
 
 def _gaps(text: str, problem: Problem) -> Iterator[Edit]:
-    """Yield the text with a comma between two brackets, where Python would call the first."""
+    """Yield the text with a comma between two brackets that Python reads as a call."""
     lines = _Lines(text)
     if re.search(r"is not callable|indices must be", problem.message) is None:
         return
@@ -130,40 +140,55 @@ def _gaps(text: str, problem: Problem) -> Iterator[Edit]:
 
 
 def _tuples(text: str, problem: Problem) -> Iterator[Edit]:
-    """Yield the text without the comma behind an assigned or returned call, which makes it a tuple."""
+    """Yield the text without the comma behind an assigned or returned call."""
     lines = _Lines(text)
     for node in ast.walk(_tree(text)):
-        if not isinstance(node, (ast.Assign, ast.Return)) or not isinstance(node.value, ast.Tuple):
+        only = _only_item(node)
+        if only is None:
             continue
-        only = node.value.elts[0] if len(node.value.elts) == 1 else None
-        if isinstance(only, ast.Call) and only.end_lineno is not None:
-            at = lines.lines[only.end_lineno - 1].rfind(",")
-            if at >= 0:
-                yield lines.removed(only.end_lineno, at)
+        number = _end_of(only)
+        at = lines.lines[number - 1].rfind(",")
+        if at >= 0:
+            yield lines.removed(number, at)
+
+
+def _only_item(node: ast.AST) -> ast.Call | None:
+    """Return the call that a comma makes a tuple in an assignment or a `return`."""
+    if not isinstance(node, (ast.Assign, ast.Return)):
+        return None
+    if not isinstance(node.value, ast.Tuple):
+        return None
+    match node.value.elts:
+        case [ast.Call() as only]:
+            return only
+    return None
+
+
+def _end_of(node: ast.stmt | ast.expr) -> int:
+    """Return the number of the line on which a node ends."""
+    return node.lineno if node.end_lineno is None else node.end_lineno
 
 
 def _returns(text: str, problem: Problem) -> Iterator[Edit]:
     """Yield the text with `return` for the description that the function makes."""
     lines = _Lines(text)
     for function in ast.walk(_tree(text)):
-        if not isinstance(function, ast.FunctionDef) or function.name != _FUNCTION:
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        if function.name != _FUNCTION:
             continue
         last = function.body[-1]
         if isinstance(last, ast.Expr) and _makes_description(last.value):
             line = lines.lines[last.lineno - 1]
             at = last.col_offset
-            returning = f"{line[:at]}return {line[at:]}"
-            edited = lines.with_line(last.lineno, returning)
-            yield _returning(edited, last)
+            yield _returning(lines.with_line(last.lineno, f"{line[:at]}return {line[at:]}"), last)
         for statement in function.body:
             if isinstance(statement, ast.Assign) and _makes_description(statement.value):
                 target = ast.unparse(statement.targets[0])
-                end = last.end_lineno or last.lineno
+                end = _end_of(last)
                 line = lines.lines[end - 1]
-                indent = " " * last.col_offset
-                following = f"{line}\n{indent}return {target}"
-                edited = lines.with_line(end, following)
-                yield _returning(edited, last)
+                following = f"{line}\n{' ' * last.col_offset}return {target}"
+                yield _returning(lines.with_line(end, following), last)
 
 
 def _makes_description(value: ast.expr) -> bool:
@@ -180,39 +205,40 @@ def _renamed(text: str, problem: Problem) -> Iterator[Edit]:
     meant = re.match(r"Rename '(\w{1,100})'", problem.remedy)
     if meant is not None:
         name = meant[1]
-        renamed = re.sub(rf"\b{name}\b", _FUNCTION, text)
-        done = f"'{name}' was read as '{_FUNCTION}'"
-        yield Edit(renamed, done, problem.remedy)
+        yield Edit(
+            re.sub(rf"\b{name}\b", _FUNCTION, text),
+            f"'{name}' was read as '{_FUNCTION}'",
+            problem.remedy,
+        )
 
 
 def _imported(text: str, problem: Problem) -> Iterator[Edit]:
-    """Yield the text with an import of a name from the module that has the name."""
+    """Yield the text with an import of a name from its home."""
     name = re.search(r"(?:has no|name) '(\w{1,100})'", problem.message)
     home = re.search(
         r"Import it(?: from '|: from )((?:launch|launch_ros)[\w.]{0,100})", problem.remedy
     )
-    if name is None or home is None:
+    if name is None:
+        return
+    if home is None:
         return
     line = f"from {home[1]} import {name[1]}"
     lines = _Lines(text)
     done = f"'{line}' was added"
     for node in ast.walk(_tree(text)):
-        if not isinstance(node, ast.ImportFrom) or problem.kind != "unknown_import":
+        if not isinstance(node, ast.ImportFrom):
             continue
         kept = [alias for alias in node.names if alias.name != name[1]]
-        if len(kept) < len(node.names) and node.end_lineno is not None:
+        if problem.kind == "unknown_import" and len(kept) < len(node.names):
             moved = [line]
             if kept:
                 moved.insert(0, ast.unparse(ast.ImportFrom(node.module, kept, node.level)))
-            above = lines.lines[: node.lineno - 1]
-            below = lines.lines[node.end_lineno :]
-            text = "\n".join([*above, *moved, *below])
-            yield Edit(text, done, problem.remedy)
+            before = lines.lines[: node.lineno - 1]
+            behind = lines.lines[_end_of(node) :]
+            yield Edit("\n".join([*before, *moved, *behind]), done, problem.remedy)
     if problem.kind == "unknown_name":
-        end = _end_of_imports(text)
-        above = lines.lines[:end]
-        below = lines.lines[end:]
-        added = "\n".join([*above, line, *below])
+        at = _end_of_imports(text)
+        added = "\n".join([*lines.lines[:at], line, *lines.lines[at:]])
         yield Edit(added, done, problem.remedy)
 
 
@@ -221,7 +247,7 @@ def _end_of_imports(text: str) -> int:
     ends = [0]
     for node in _tree(text).body:
         if isinstance(node, (ast.Import, ast.ImportFrom)):
-            ends.append(node.end_lineno or node.lineno)
+            ends.append(_end_of(node))
     return max(ends)
 
 

@@ -43,7 +43,7 @@ _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)
 _MAX_REPAIRS = 6
 #: Files of one name: in the sources, and where packages install them.
 _MOST_RENAMED = 20
-#: Values for arguments of which none is known, each with another one by which the parameters that depend on it show.
+#: Values for arguments without a known value, each with another one to find the parameters that depend on it.
 _ASSUMED = (("", "assumed"), ("1", "true"))
 #: Names among which the one that was meant is looked for.
 _MOST_LIKENED = 100
@@ -94,7 +94,9 @@ class LaunchRunner:
         while True:
             outcome, plan = await self._evaluate(evaluation, arguments)
             problem = plan.problem
-            if problem is None or len(repairs) >= _MAX_REPAIRS:
+            if problem is None:
+                break
+            if len(repairs) >= _MAX_REPAIRS:
                 break
             known = {**plan.configurations, **step.assume}
             repair = self._repair(problem, known, arguments, assumed)
@@ -117,9 +119,9 @@ class LaunchRunner:
         assumed: Iterable[str],
         result: tuple[str, Plan],
     ) -> tuple[str, Plan, Plan]:
-        """Return the outcome and plan for arguments without a known value, and the plan without what depends on them.
+        """Return outcome and plan for arguments without a known value, and the plan without their parameters.
 
-        A value with which the file stops, e.g. where it is a condition, is replaced by another one.
+        If the file stops with an empty text, e.g. in a condition, another value is tried.
 
         Parameters
         ----------
@@ -177,8 +179,10 @@ class LaunchRunner:
         }
         if problem.kind not in by_kind:
             return self._edit(problem)
-        is_path = "/" in wanted and not problem.kind.endswith("_not_found")
-        if is_path or not _NAME.fullmatch(wanted):
+        is_file = problem.kind.endswith("_not_found")
+        if "/" in wanted and not is_file:
+            return None
+        if not _NAME.fullmatch(wanted):
             return None
         done = by_kind[problem.kind]()
         return repair_of(problem, done) if done else None
@@ -486,7 +490,9 @@ def _give(
 ) -> str:
     """Give a missing argument the value of the likest known one, or an assumed one; return the repair in words."""
     wanted, _ = _quoted(problem)
-    if wanted in arguments or not _NAME.fullmatch(wanted):
+    if wanted in arguments:
+        return ""
+    if not _NAME.fullmatch(wanted):
         return ""
     meant = _meant(wanted, known)
     if meant is not None:

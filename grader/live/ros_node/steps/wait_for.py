@@ -86,9 +86,8 @@ class _Search:
         there = set(graph.nodes)
         for endpoint in graph.endpoints:
             there.add(endpoint.topic)
-        for servers in (graph.services, graph.actions, graph.action_clients):
-            for server in servers:
-                there.add(server.name)
+        for server in graph.services:
+            there.add(server.name)
         return probe.expected - there - probe.names.keys()
 
     def candidates(self) -> list[Candidate]:

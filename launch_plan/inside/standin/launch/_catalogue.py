@@ -56,12 +56,14 @@ class PublicModule(ModuleType):
 
 
 def _evaluated(title: str, name: str) -> Any:
-    """Return the object of the stand-in for a name of a module, or one that no launch file can use."""
+    """Return the object of the stand-in for a name of a module, or an object without effect."""
     for home in (title, title.rpartition(".")[0], *_implemented):
         found = vars(_implemented.get(home, object)).get(name)
         if found is None:
             continue
-        if name in _jazzy.NAMES[home] or getattr(found, "__module__", None) == home:
+        if name in _jazzy.NAMES[home]:
+            return found
+        if getattr(found, "__module__", None) == home:
             return found
     if name in _jazzy.TYPES:
         return Any
@@ -83,7 +85,9 @@ class _SubmoduleFinder(MetaPathFinder, Loader):
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
         file = Path(__file__).parents[1].joinpath(*fullname.split("."))
         has_file = file.with_suffix(".py").exists() or (file / "__init__.py").exists()
-        if has_file or fullname not in _jazzy.NAMES:
+        if has_file:
+            return None
+        if fullname not in _jazzy.NAMES:
             return None
         return ModuleSpec(fullname, self, is_package=fullname in _jazzy.SUBMODULES)
 
@@ -97,7 +101,9 @@ class _SubmoduleFinder(MetaPathFinder, Loader):
 def publish() -> None:
     """Show the names of the real modules, instead of all in the modules of the stand-in imported so far."""
     for title, module in list(sys.modules.items()):
-        if title not in _jazzy.NAMES or isinstance(module, PublicModule):
+        if title not in _jazzy.NAMES:
+            continue
+        if isinstance(module, PublicModule):
             continue
         _implemented[title] = module
         shown = PublicModule(title)
