@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import NamedTuple
 
-from grader.evidence.newer_python import is_newer_python
+from grader.evidence.newer_python import python_needed
 from grader.submission.python_source import parse_python
 from launch_plan.plan import Problem
 
@@ -39,7 +39,7 @@ def edit(text: str, problem: Problem) -> Edit | None:
     """Return a launch file with one edit that mends a problem; None if no edit does."""
     if len(text) > _MOST_CHARACTERS:
         return None
-    if is_newer_python(text):
+    if python_needed(text):
         return None
     for find in _BY_KIND.get(problem.kind, ()):
         for candidate in islice(find(text, problem), _MOST_TRIED):
