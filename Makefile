@@ -30,7 +30,7 @@ test: $(DEV_STAMP) system-dev lint
 
 # Live tests, the browser, the slow properties, and a rotating part of the fixtures and attacks; some forty minutes.
 test-rest: $(DEV_STAMP) system-dev
-	$(BIN)/python -m pytest -n 4 -m "not $(QUICK)" --junitxml=$(DURATIONS)/rest.xml
+	$(BIN)/python -m pytest -n 3 -m "not $(QUICK)" --junitxml=$(DURATIONS)/rest.xml
 
 test-all: test test-rest
 

@@ -85,7 +85,10 @@ def uses() -> Iterator[Use]:
                     AttributeError, TypeError
                 ):  # The pattern comes from elsewhere: from a file, or out of an object.
                     flags = int(_value(given[0], names)) if given else 0
-                    yield Use(place, _value(node, names), flags, _how(call, tree, everything))
+                    pattern = _value(node, names)
+                    if isinstance(pattern, bytes):
+                        pattern = pattern.decode("latin-1")
+                    yield Use(place, pattern, flags, _how(call, tree, everything))
 
 
 @cache

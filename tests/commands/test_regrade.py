@@ -90,7 +90,7 @@ def test_a_class_is_only_looked_at(
     }
     status, output, errors = run(capsys, results, "--rubric", stricter)
     assert (status, errors) == (1, "")
-    assert "ann 16 → 11 −5" in output
+    assert "ann 16.2 → 11.2 −5" in output
     assert "Commands arrive at 100 Hz passed → failed 5 → 0 −5" in output
     assert "No result is written yet; --apply writes them." in output
     assert "bob,total" in (results / CHANGES_FILE).read_text(encoding="utf-8-sig")
@@ -113,11 +113,11 @@ def test_applying_writes_and_notes(
     status, output, _ = run(capsys, results, "--rubric", stricter, "--apply", "-j", "1")
     assert status == 0
     assert "The results are written." in output
-    assert [points(results / name) for name in ("ann", "bob")] == [11, 11]
+    assert [points(results / name) for name in ("ann", "bob")] == [11.2, 11.2]
     lines = [json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines()]
     assert [(line["submission"], line["final"]) for line in lines] == [
-        ("ann", [16, 11]),
-        ("bob", [16, 11]),
+        ("ann", [16.2, 11.2]),
+        ("bob", [16.2, 11.2]),
     ]
     for line in lines:
         assert line["at"].endswith("+00:00")
@@ -135,12 +135,12 @@ def test_the_class_page_is_said_to_be_of_before(
 
 def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """--fail-under compares final points, decisions included."""
-    assert run(capsys, results, "--fail-under", "16")[0] == 0
-    assert run(capsys, results, "--fail-under", "16.1")[0] == 1
+    assert run(capsys, results, "--fail-under", "16.2")[0] == 0
+    assert run(capsys, results, "--fail-under", "16.3")[0] == 1
     (results / "overrides.yaml").write_text(
         f"overrides:\n  - {{submission: '*', bonus: 0.1, {WHY}}}\n"
     )
-    assert run(capsys, results, "--fail-under", "16.1", "--apply")[0] == 0
+    assert run(capsys, results, "--fail-under", "16.3", "--apply")[0] == 0
 
 
 def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -202,11 +202,11 @@ def test_a_single_submission_is_written_at_once(
     """
     status, output, _ = run(capsys, results / "ann", "--rubric", stricter)
     assert status == 0
-    assert "ann 16 → 11 −5" in output
-    assert [points(results / name) for name in ("ann", "bob")] == [11, 16]
+    assert "ann 16.2 → 11.2 −5" in output
+    assert [points(results / name) for name in ("ann", "bob")] == [11.2, 16.2]
     (line,) = (json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines())
-    assert (line["submission"], line["final"]) == ("ann", [16, 11])
-    assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 16
+    assert (line["submission"], line["final"]) == ("ann", [16.2, 11.2])
+    assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 16.2
 
 
 def test_a_single_submission_without_changes_leaves_no_trace(
@@ -215,7 +215,7 @@ def test_a_single_submission_without_changes_leaves_no_trace(
     """Judged again to the same, there is nothing to note."""
     status, output, _ = run(capsys, results / "ann")
     assert status == 0
-    assert "→ 16" not in output
+    assert "→ 16.2" not in output
     assert not (results / AUDIT_FILE).exists()
 
 
@@ -239,7 +239,7 @@ def test_another_file_of_decisions(
     """--overrides names another file."""
     (tmp_path / "mine.yaml").write_text(f"overrides:\n  - {{submission: ann, bonus: 1, {WHY}}}\n")
     run(capsys, results / "ann", "--overrides", tmp_path / "mine.yaml")
-    assert points(results / "ann") == 17
+    assert points(results / "ann") == 17.2
 
 
 @pytest.mark.parametrize("option", [["--apply"], ["-j", "2"]])

@@ -530,10 +530,10 @@ def test_kept_recordings_tell_nothing_of_the_machine() -> None:
 def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
     """The price of another topic name is the parameter of the check."""
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
-    cost = "other_name_costs: 0.8"
+    cost = "other_name_costs: 0.85"
     assert cost in text
     mine = tmp_path / "rubric.yaml"
-    for other, earned in ((cost, "1.0"), ("other_name_costs: 10%", "4.5")):
+    for other, earned in ((cost, "0.7"), ("other_name_costs: 10%", "4.1")):
         mine.write_text(text.replace(cost, other), encoding="utf-8")
         rubric = read_rubric(mine)
         recordings = open_recordings(KEPT / "wrong_topic", rubric)
