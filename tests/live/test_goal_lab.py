@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 from grader import pipeline, result_folder
 from grader.judging import rubrics
 from grader.judging.judge import judge, open_recordings
-from grader.result import CheckResult, Outcome, Result
+from grader.result import CheckResult, Result
 from grader.submission.artifacts import read_submission_folder
 
 pytestmark = pytest.mark.live
