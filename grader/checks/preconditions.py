@@ -104,7 +104,9 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
 def _silent(context: Context, artifact: str) -> Explanation | None:
     """Explain by its source why a program that went on showed nothing; None if the source does not tell."""
     path = context.path_of(artifact) or ""
-    found = silent_cause(path, context.submission.texts.get(path, ""))
+    theirs = set(context.session.nodes) - context.reference_nodes
+    text = context.submission.texts.get(path, "")
+    found = silent_cause(path, text, is_in_graph=bool(theirs))
     if found is None:
         return None
     return found.problem, found.remedy, (Location(file=path, line=found.line),)

@@ -19,8 +19,10 @@ _KEYWORDS = ("domain_id", _DOMAIN)
 _QUOTED = 40
 
 
-def silent_cause(path: str, text: str) -> Diagnosis | None:
+def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis | None:
     """Return why a program that goes on may show nothing; None if its source does not tell.
+
+    A program with a node in the graph speaks in the session's domain, whatever its source sets.
 
     Examples
     --------
@@ -30,7 +32,8 @@ def silent_cause(path: str, text: str) -> Diagnosis | None:
     tree = tree_of(normalise(text))
     if tree is None:
         return None
-    for line, value in _domains(tree):
+    domains = [] if is_in_graph else list(_domains(tree))
+    for line, value in domains:
         problem = f"The program speaks in ROS domain {value}, and the nodes of this session in another one."
         remedy = (
             f"Leave the domain to the terminal: take {_DOMAIN} or domain_id out of the program."
@@ -71,23 +74,22 @@ def _values(node: ast.AST) -> Iterator[ast.expr]:
 
 
 def _sleep_without_spin(tree: ast.Module) -> int | None:
-    """Return the line of the first sleep of a rate in a program that calls no function with `spin` in its name."""
+    """Return the line of the first sleep of a rate in a program without any name that holds `spin`.
+
+    A thread is given the function, as in `Thread(target=rclpy.spin)`, and does not call it by name.
+    """
     has_rate = False
     sleeps = []
     for node in ast.walk(tree):
-        if not isinstance(node, ast.Call):
-            continue
-        called = ast.unparse(node.func)
-        name = called.rpartition(".")[2]
-        if "spin" in name:
-            return None
-        has_rate |= name == "create_rate"
-        if called.endswith(".sleep"):
-            sleeps.append((called == "time.sleep", node.lineno))
-    if not has_rate:
-        return None
-    is_of_time, line = min(sleeps, default=(True, 0))
-    return None if is_of_time else line
+        match node:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.alias(name=name):
+                if "spin" in name:
+                    return None
+                has_rate |= name == "create_rate"
+            case ast.Call(func=ast.Attribute(attr="sleep") as function):
+                if ast.unparse(function) != "time.sleep":
+                    sleeps.append(node.lineno)
+    return min(sleeps, default=None) if has_rate else None
 
 
 def corrected(found: Diagnosis, text: str) -> Diagnosis:
@@ -145,12 +147,23 @@ def _late(statement: ast.stmt, names: set[str]) -> list[tuple[int, str]]:
     for call in ast.walk(statement):
         if not isinstance(call, ast.Call):
             continue
-        for argument in [*call.args, *(keyword.value for keyword in call.keywords)]:
+        arguments = list(call.args)
+        for keyword in call.keywords:
+            arguments.append(keyword.value)
+        for argument in arguments:
             if isinstance(argument, ast.Lambda):
-                own = {each.arg for each in ast.walk(argument.args) if isinstance(each, ast.arg)}
-                late = (_names(argument.body, ast.Load) & names) - own
-                found += [(argument.lineno, name) for name in late]
+                for name in _free_names(argument) & names:
+                    found.append((argument.lineno, name))
     return found
+
+
+def _free_names(function: ast.Lambda) -> set[str]:
+    """Return the names in the body of a lambda that are not its parameters."""
+    own = set()
+    for each in ast.walk(function.args):
+        if isinstance(each, ast.arg):
+            own.add(each.arg)
+    return _names(function.body, ast.Load) - own
 
 
 def _names(tree: ast.AST, context: type[ast.expr_context]) -> set[str]:

@@ -37,6 +37,12 @@ def test_a_domain_that_is_only_read_is_no_cause(statement: str) -> None:
     assert silent_cause("talk.py", HEAD + statement) is None
 
 
+def test_a_program_in_the_graph_is_in_the_domain_of_the_session() -> None:
+    """A node that the session saw cannot speak in another domain, whatever its source sets."""
+    text = f"{HEAD}os.environ['ROS_DOMAIN_ID'] = '0'"
+    assert silent_cause("talk.py", text, is_in_graph=True) is None
+
+
 LOOP = """
 rate = node.create_rate(100)
 while rclpy.ok():
@@ -55,7 +61,8 @@ def test_a_rate_without_spin_is_named_with_the_line_of_its_sleep() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        f"threading.Thread(target=rclpy.spin, args=(node,)).start()\nrclpy.spin_once(node)\n{LOOP}",
+        f"threading.Thread(target=rclpy.spin, args=(node,)).start()\n{LOOP}",
+        f"from rclpy import spin\n{LOOP}",
         LOOP.replace("rate.sleep()", "time.sleep(0.01)"),
         "for _ in range(9):\n    rate.sleep()\n",
     ],
