@@ -6,6 +6,7 @@ its points, and a note asks a person to look.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -80,6 +81,16 @@ def _documents(context: Context) -> list[PurePosixPath]:
     return sorted(written, key=_nearest_to_root)
 
 
+def _given(context: Context) -> GivenText:
+    """Return the lab's own text; several checks of one submission ask for it."""
+    return _read_given(tuple(context.submission.given_texts.items()))
+
+
+@functools.lru_cache(maxsize=1)
+def _read_given(texts: tuple[tuple[str, str], ...]) -> GivenText:
+    return GivenText.of(dict(texts))
+
+
 def _is_for_programs(path: PurePosixPath) -> bool:
     return path.stem.lower().startswith(_FOR_PROGRAMS)
 
@@ -88,7 +99,7 @@ def _read(
     context: Context, paths: Iterable[PurePosixPath]
 ) -> Iterator[tuple[str, tuple[Section, ...]]]:
     """Read the student's own text in documents, one after the other, up to a number of characters."""
-    given = GivenText.of(context.submission.given_texts)
+    given = _given(context)
     left = _MOST_CHARACTERS
     for path in map(str, paths):
         if left <= 0:
@@ -554,7 +565,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     Without a comparison the text may be a mere list of settings, and earns half as much.
     """
     passages = _passages(context, p.artifacts)
-    given = GivenText.of(context.submission.given_texts).sentences
+    given = _given(context).sentences
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives, given)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
