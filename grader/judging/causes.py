@@ -39,8 +39,10 @@ def charges_of(cases: Iterable[Case]) -> dict[str, str]:
 
 def _loss(case: Case, cause: str) -> Decimal:
     """Return the points lost by one mistake in a check."""
-    without = decide(with_charges(case, {cause: ""}))
-    return (without.credit - case.found.credit) * case.spec.points
+    excused = with_charges(case, {cause: ""})
+    without = decide(excused)
+    lost = without.credit - case.found.credit
+    return lost * case.spec.points
 
 
 def with_charges(case: Case, charges: Mapping[str, str]) -> Case:

@@ -154,9 +154,11 @@ def _judge_once(
             violation=_violation_of(spec, violations),
             is_too_large=spec.session in recordings.too_much,
         )
-        finding = decide(with_charges(case, charges))
+        charged = with_charges(case, charges)
+        finding = decide(charged)
         findings[spec.id] = finding
-        judged.append(replace(case, finding=finding))
+        decided = replace(case, finding=finding)
+        judged.append(decided)
     return judged
 
 
@@ -166,15 +168,10 @@ def _context(recordings: Recordings, rubric: Rubric, findings: Mapping[str, Find
     A check is never compared with another session that cannot be read in full.
     """
     sound = {name: each for name, each in recordings.sessions.items() if each.bag.whole}
-    return Context(
-        submission=recordings.submission,
-        recorded=None,
-        sessions=sound,
-        findings=findings,
-        reference_nodes=frozenset(reference.node for reference in rubric.reference.values()),
-        lab_folder=rubric.folder,
-        titles={spec.id: spec.title for spec in rubric.checks()},
-    )
+    references = frozenset(reference.node for reference in rubric.reference.values())
+    titles = {spec.id: spec.title for spec in rubric.checks()}
+    submission = recordings.submission
+    return Context(submission, None, sound, findings, references, rubric.folder, titles=titles)
 
 
 def _violation_of(spec: CheckSpec, violations: Sequence[Violation]) -> Violation | None:

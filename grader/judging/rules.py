@@ -177,7 +177,8 @@ def repeated(case: Case) -> Finding | None:
         return None
     times = case.recorded.record.times_recorded
     often = f"The session was recorded {times} times; a program can cause this by itself."
-    return replace(settled, reason=f"{settled.reason} {often}".strip())
+    reason = f"{settled.reason} {often}"
+    return replace(settled, reason=reason.strip())
 
 
 def left_out(case: Case) -> Finding | None:
@@ -192,7 +193,8 @@ def left_out(case: Case) -> Finding | None:
     if gap is None:
         return None
     if _is_by_endpoints(case) and case.found.outcome.goes_on:
-        return replace(case.found, notes=(*case.found.notes, describe_gap(gap)))
+        notes = (*case.found.notes, describe_gap(gap))
+        return replace(case.found, notes=notes)
     if isinstance(gap, UnreadGap) and not is_unread_by_student(case.context.session, gap):
         return undecided(case.found, describe_gap(gap), retry=False)
     return without_rest(case.found, gap, timed=case.referents().is_timed)

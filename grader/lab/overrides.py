@@ -247,9 +247,11 @@ def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mist
             hint = _replacing(identity, kind, rubric) or meant(identity, list(points))
             mistakes.add(place, f"the rubric has no {kind} {identity!r}{hint}")
         elif "set" in raw and not _is_possible(raw["set"], points[identity]):
+            given = raw["set"]
+            most = points[identity]
             mistakes.add(
                 (*loc, "set"),
-                f"{identity} has from 0 to {points[identity]} points, not {raw['set']}; bonus gives more",
+                f"{identity} has from 0 to {most} points, not {given}; bonus gives more",
             )
 
 

@@ -21,7 +21,7 @@ from grader.submission.submission_time import set_submission_time
 
 #: Largest text that is read.
 MAX_TEXT_BYTES = 512 * 1024
-#: Byte order marks of UTF-16, in which editors of Windows save "Unicode".
+#: Byte order marks of UTF-16; editors of Windows call this encoding "Unicode".
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _NOTEBOOK = ".ipynb"
 #: Characters of all texts that are read; the largest texts beyond are left out.

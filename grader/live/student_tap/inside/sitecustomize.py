@@ -190,7 +190,9 @@ def _give_context_manager(rclpy):
     @functools.wraps(init)
     def initialised(*args, **kwargs):
         result = init(*args, **kwargs)
-        return _Initialised(rclpy) if result is None else result
+        if result is None:
+            return _Initialised(rclpy)
+        return result
 
     rclpy.init = initialised
 
