@@ -352,7 +352,9 @@ def _accepted(sent: _Sent, wanted: OfGoal) -> Part:
         return Part(1.0, f"{sent.words} accepted after {answered_ms:.1f} ms")
     if sent.record.accepted is None:
         return _silent(sent)
-    every = f"The {sent.words}" if _any_goal(sent, accepted=True) else "Every goal"
+    every = "Every goal"
+    if _any_goal(sent, accepted=True):
+        every = f"The {sent.words}"
     hint = _ACCEPT_HINT
     if sent.printed("did not return a GoalResponse"):
         hint = "goal_callback returns no GoalResponse, which rclpy takes for a rejection: return GoalResponse.ACCEPT."
@@ -366,7 +368,9 @@ def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
         if not _any_goal(sent, accepted=True):
             raise _NotTested("no goal is accepted at all, so that a rejection proves nothing")
         return Part(1.0, f"{sent.words} rejected")
-    every = f"The {sent.words}" if _any_goal(sent, accepted=False) else "Every goal"
+    every = "Every goal"
+    if _any_goal(sent, accepted=False):
+        every = f"The {sent.words}"
     hint = "Give ActionServer a goal_callback that returns GoalResponse.REJECT for such a goal."
     return Part(0.0, f"{sent.words} accepted", f"{every} is accepted.", hint=hint)
 
@@ -459,7 +463,9 @@ def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
     reason = ""
     if share < 1:
         reason = f"The feedback comes at {shown}; {full_hz:g} Hz give full credit."
-    doubt = cpu_delay_doubt(delay_s, length_s) if best > share else ""
+    doubt = ""
+    if best > share:
+        doubt = cpu_delay_doubt(delay_s, length_s)
     return Part(share, f"at {shown}", reason, best=best, doubt=doubt)
 
 
@@ -648,7 +654,9 @@ def _ends_early(sent: _Sent, wanted: CancelledWanted, asked: _Request) -> Part:
         reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
         if fits:
             hint = "Look for it more often, in each round of the execute callback's loop."
-    doubt = cpu_delay_doubt(delay_s, took_s) if best > share else ""
+    doubt = ""
+    if best > share:
+        doubt = cpu_delay_doubt(delay_s, took_s)
     hint = hint if share < 1 else ""
     return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint)
 

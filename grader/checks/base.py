@@ -68,7 +68,9 @@ class Context:
 
     def charged(self, check: str | None) -> bool:
         """Tell whether a check, if any, has already taken points."""
-        finding = self.findings.get(check) if check is not None else None
+        finding = None
+        if check is not None:
+            finding = self.findings.get(check)
         if finding is None:
             return False
         return finding.outcome.took_points or finding.outcome is Outcome.NOT_REACHED
@@ -210,7 +212,10 @@ def graded(
         Number of credit levels to which a measured share is rounded down; 0 for a share that is not measured.
     """
     low = _leveled(share, levels)
-    high = low if best is None else _leveled(best, levels)
+    if best is None:
+        high = low
+    else:
+        high = _leveled(best, levels)
     if low != high:
         settled = None
         if not doubt:
@@ -255,7 +260,9 @@ class Part:
     @property
     def most(self) -> float:
         """The most share."""
-        return self.share if self.best is None else max(self.share, self.best)
+        if self.best is None:
+            return self.share
+        return max(self.share, self.best)
 
 
 def excused_part(part: Part, elsewhere: str) -> Part:
@@ -475,4 +482,6 @@ def describe_diagnosis(found: Diagnosis) -> str:
     if found.file and found.line:
         location = f"{found.file}, line {found.line}"
     parts = [part for part in (found.exception_type, location) if part]
-    return f"{found.problem} ({' in '.join(parts)})" if parts else found.problem
+    if parts:
+        return f"{found.problem} ({' in '.join(parts)})"
+    return found.problem

@@ -526,7 +526,9 @@ def _listed_faults(notes: Sequence[Note]) -> list[str]:
 
 def _kind(unit: Unit) -> str:
     note = unit.explained_by
-    return f"{note.kind}, line {note.line}" if note is not None else "nothing"
+    if note is not None:
+        return f"{note.kind}, line {note.line}"
+    return "nothing"
 
 
 def _lines(note: Note) -> str:
@@ -643,7 +645,9 @@ def _counted_concepts(found: Discussion, p: ConceptsExplained) -> tuple[str, ...
     lines = []
     for name in p.concepts:
         passage = found.discussed.get(name)
-        place = _at(passage.file, passage.line) if passage is not None else "not recognised"
+        place = "not recognised"
+        if passage is not None:
+            place = _at(passage.file, passage.line)
         lines.append(f"{name}: {place}")
     places = [_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED]]
     lines.append(f"weighed with reasons: {', '.join(places) or 'not recognised'}")

@@ -83,7 +83,9 @@ class InWindow(Parameters):
 
     def span(self, context: Context) -> Span | None:
         """Return the window; None if it is the whole session, or if its step was not reached."""
-        return context.session.window(self.window) if self.window else None
+        if self.window:
+            return context.session.window(self.window)
+        return None
 
 
 class OfMessages(InWindow):
@@ -387,7 +389,9 @@ def _outside(name: str, value: float, least: float, most: float) -> str:
 
 
 def _in_field(p: FieldRange) -> str:
-    return f" in {p.field}" if p.pattern is None else ""
+    if p.pattern is None:
+        return f" in {p.field}"
+    return ""
 
 
 def _element(p: NumbersOf, row: Floats, index: int) -> str:
@@ -541,7 +545,9 @@ def _order_share(p: FieldMatches, came: int) -> float:
 
 def _not_in_order(p: FieldMatches, came: int) -> str:
     """Say which pattern does not come after the previous one."""
-    after = f" after '{p.in_order[came - 1]}'" if came else ""
+    after = ""
+    if came:
+        after = f" after '{p.in_order[came - 1]}'"
     return f"'{p.in_order[came]}' does not come{after}."
 
 
@@ -551,12 +557,16 @@ def _written(value: Any) -> str | None:
         return value[:_MOST_TEXT]
     if isinstance(value, (float, np.floating)):
         return f"{value:g}"
-    return str(int(value)) if is_number(value) else None
+    if is_number(value):
+        return str(int(value))
+    return None
 
 
 def _mismatch(p: FieldMatches, text: str | None) -> str:
     """Say how a text differs from the required form; empty if it does not."""
-    found = search(p.pattern, text) if text is not None else None
+    found = None
+    if text is not None:
+        found = search(p.pattern, text)
     if found is None:
         return f"the message is {(text or '')[:100]!r}"
     for name, limits in p.numbers.items():

@@ -140,7 +140,9 @@ def _loads(
     measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
     notes = [_excuse(context, each) for each in noted]
     for warning in plan.warnings:
-        at = f" ({warning.file}:{warning.line})" if warning.file else ""
+        at = ""
+        if warning.file:
+            at = f" ({warning.file}:{warning.line})"
         notes.append(f"{warning.message}{at}")
     notes += _silent(plan)
     package = _leaves_out(context, p.artifact)
@@ -186,7 +188,9 @@ def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
     owner = max(owners, key=lambda package: len(package.path), default=None)
     if owner is None or owner.shared is None:
         return None
-    return None if path in owner.shared.values() else owner
+    if path in owner.shared.values():
+        return None
+    return owner
 
 
 def _excuse(context: Context, noted: Repair) -> str:
@@ -241,14 +245,18 @@ def _silent(plan: Plan) -> list[str]:
     different = list(dict.fromkeys(names))
     verb = "prints" if len(different) == 1 else "print"
     goes = f"What {', '.join(different)} {verb} goes into a log file and not to the screen"
-    at = f" ({', '.join(dict.fromkeys(places))})" if places else ""
+    at = ""
+    if places:
+        at = f" ({', '.join(dict.fromkeys(places))})"
     return [f"{goes}; output='screen' shows it{at}."]
 
 
 def _capitalised(message: str) -> str:
     """Return a message as a sentence; a name at its beginning stays as it is."""
     first = message.split(" ", 1)[0]
-    text = message[:1].upper() + message[1:] if first.isalpha() else message
+    text = message
+    if first.isalpha():
+        text = message[:1].upper() + message[1:]
     return text if text.endswith((".", "?", "!")) else text + "."
 
 
@@ -314,7 +322,10 @@ def _judge_default(got: Argument, wanted: WantedArgument, p: LaunchArguments) ->
     where = (Location(file=got.file, line=got.line),)
     if got.default is not None and _same(got.default, wanted.default):
         return Part(1.0, where=where)
-    default = "no default" if got.default is None else f"the default {got.default!r}"
+    if got.default is None:
+        default = "no default"
+    else:
+        default = f"the default {got.default!r}"
     reason = f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
     return Part(p.other_default_credit, "", reason, where=where)
 
@@ -480,7 +491,9 @@ def _nodes_up(context: Context, plan: Plan) -> str:
     shown = []
     for node in context.session.nodes:
         if node not in context.reference_nodes:
-            ended = " (ended)" if _died(context, _entry_for(context, plan, node)) else ""
+            ended = ""
+            if _died(context, _entry_for(context, plan, node)):
+                ended = " (ended)"
             shown.append(f"{node}{ended}")
     return ", ".join(shown)
 
@@ -587,7 +600,10 @@ def _chargers(context: Context, entry: Process, wanted: WantedNode) -> list[str 
         by.append(wanted.charged_by)
     run = context.session.process(entry.id)
     end = _end_of(context, run) if run is not None else None
-    ends_alone = _ends_alone(context, wanted) if end is not None else {}
+    if end is not None:
+        ends_alone = _ends_alone(context, wanted)
+    else:
+        ends_alone = {}
     by.append(_charged_alone(context, end, ends_alone))
     found = context.explain(run) if run is not None else None
     if found is not None and found.kind == "parameter-type":
@@ -645,7 +661,9 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     ended = f"{executable} ended with status {run.exit_status}"
     found = context.explain(run)
     if found is None:
-        shown = f": {run.output[-1].text!r}." if run.output else "."
+        shown = "."
+        if run.output:
+            shown = f": {run.output[-1].text!r}."
         return Part(0.0, "", f"{ended}{shown}", where=(location,))
     if found.kind == "parameter-type" and entry.file:
         location = _parameter_at(context, entry, entry.file, found.subject)
@@ -754,7 +772,10 @@ class _Given:
         """Look a parameter up in the plan and in the running node."""
         planned = entry.effective_parameters(wanted.node).get(wanted.name)
         step = context.session.step(wanted.step)
-        result = GetParametersResult() if step is None else GetParametersResult.of(step)
+        if step is None:
+            result = GetParametersResult()
+        else:
+            result = GetParametersResult.of(step)
         running = result.read.get(wanted.name)
         if running is not None:
             return cls(planned, running.value, False)
@@ -930,7 +951,10 @@ class TogetherFollows(_Doer):
             return None
         if not self._can_follow(context, command, state):
             return None
-        columns = slice(None) if self.index is None else slice(self.index, self.index + 1)
+        if self.index is None:
+            columns = slice(None)
+        else:
+            columns = slice(self.index, self.index + 1)
         commands = command.values[:, columns]
         if not commands.size or float(np.ptp(commands, axis=0).max()) < _STILL:
             return None
@@ -980,7 +1004,10 @@ class TogetherAnswers(_Doer):
     ) -> Part | None:
         """Judge whether its first call was answered."""
         step = context.session.step(self.step)
-        calls = [] if step is None else CallResult.of(step).calls
+        if step is None:
+            calls = []
+        else:
+            calls = CallResult.of(step).calls
         if calls and calls[0].response is not None:
             return Part(1.0, "the service answers")
         reason = "The service does not answer while all run together."
@@ -1016,9 +1043,13 @@ class LaunchTogether(Parameters):
 def launch_together(context: Context, p: LaunchTogether) -> Finding:
     """Judge the nodes while all run; a node with a fault of its own is left out."""
     expected = ", ".join(doer.expected for doer in p.doers)
-    span = context.session.window(p.commands.window) if p.commands is not None else None
+    span = None
+    if p.commands is not None:
+        span = context.session.window(p.commands.window)
     whole = _whole(context, p, span)
-    delay_s = context.session.longest_delay_s(whole) if whole is not None else 0.0
+    delay_s = 0.0
+    if whole is not None:
+        delay_s = context.session.longest_delay_s(whole)
     length_s = whole.duration_s if whole is not None else 0.0
     late = delay_s > MANY_DELAYS * length_s
     roles = _roles(context, p)
@@ -1081,8 +1112,12 @@ def _roles(context: Context, p: LaunchTogether) -> list[_Role]:
     plan = _read_plan(context.session.record.plan)
     roles = []
     for doer in p.doers:
-        node = context.session.used(doer.node) if doer.node is not None else None
-        process = _entry_for(context, plan, node) if node is not None else None
+        node = None
+        if doer.node is not None:
+            node = context.session.used(doer.node)
+        process = None
+        if node is not None:
+            process = _entry_for(context, plan, node)
         roles.append(_Role(doer, node, process))
     return roles
 

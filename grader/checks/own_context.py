@@ -411,7 +411,9 @@ class Context(Submission):
         )
 
     def _since_or_none(self, t_ns: int | None) -> float | None:
-        return None if t_ns is None else self._session.since_start_s(t_ns)
+        if t_ns is None:
+            return None
+        return self._session.since_start_s(t_ns)
 
     def delay_s(self, process: str, window: str) -> float:
         """Return the time within a step for which the machine kept a process from a core: 0 on an idle one."""

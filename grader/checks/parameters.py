@@ -93,7 +93,10 @@ class ParameterEffect(Parameters):
 
     def fits(self, value: Any, wanted: Any) -> bool:
         """Tell whether a value is the wanted one, up to the tolerance."""
-        tolerance = self.full_within * abs(wanted) if self.is_rate else self.tolerance
+        if self.is_rate:
+            tolerance = self.full_within * abs(wanted)
+        else:
+            tolerance = self.tolerance
         return equal_within(value, wanted, tolerance)
 
     def measured(self, context: Context, label: str | None) -> Any:
@@ -163,7 +166,9 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     silent = unanswered(context, step, expected)
     if silent is not None:
         return silent
-    refused = None if step is None else SetParametersResult.of(step).refused
+    refused = None
+    if step is not None:
+        refused = SetParametersResult.of(step).refused
     if refused:
         return _could_not_be_set(expected, refused)
     before = p.measured(context, p.before)
@@ -257,7 +262,9 @@ def _possible(
 
     For a rate these are the measured one, the highest possible one, and the one nearest to another.
     """
-    span = context.session.window(label) if label is not None else None
+    span = None
+    if label is not None:
+        span = context.session.window(label)
     if not p.is_rate or span is None or value is None:
         return [value]
     most = without_delay(value, context.session.longest_delay_s(span), span.duration_s)
@@ -350,7 +357,10 @@ class ParameterRejected(Parameters):
 def parameter_rejected(context: Context, p: ParameterRejected) -> Finding:
     """Judge refusals by the node's answer, and by its values before and after."""
     step = context.session.step(p.step)
-    wanted = {} if step is None else SetParametersStep.given(step).values
+    if step is None:
+        wanted = {}
+    else:
+        wanted = SetParametersStep.given(step).values
     values = ", ".join(f"{name} = {value!r}" for name, value in wanted.items())
     expected = f"refuses {values}, and keeps what it has"
     silent = unanswered(context, step, expected)

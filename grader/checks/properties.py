@@ -173,7 +173,9 @@ def _judged(
         return graded(p.vacuous_credit, p.property, measured, reason, where=where, notes=(reason,))
     about = Span(here.start_ns - _ABOUT_NS, here.end_ns + _ABOUT_NS)
     delay_s = context.session.longest_delay_s(about)
-    best = 1.0 if delay_s > _MANY_DELAYS * about.duration_s else share
+    best = share
+    if delay_s > _MANY_DELAYS * about.duration_s:
+        best = 1.0
     reason = f"The property does not hold at {at_s:.2f} s: {shown}."
     doubt = cpu_delay_doubt(delay_s, about.duration_s)
     return graded(share, p.property, measured, reason, where=where, best=best, doubt=doubt)

@@ -45,7 +45,9 @@ def _unheard(context: Context, topic: str) -> str:
     requests = student_endpoints(context, topic, "subscription")
     if not requests:
         return f"Nothing subscribes to {topic}."
-    policy = clash(requests[0], offers[0].qos) if offers else None
+    policy = None
+    if offers:
+        policy = clash(requests[0], offers[0].qos)
     if policy is None:
         return ""
     return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
@@ -80,7 +82,9 @@ def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
     sequence = stream.sequence
     if until_ns is not None:
         sequence = sequence[stream.source_ns <= until_ns]
-    return int(sequence.max()) if len(sequence) else 0
+    if len(sequence):
+        return int(sequence.max())
+    return 0
 
 
 class Row(Parameters):
@@ -135,9 +139,14 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     if constants:
         return _all_constants(expected, constants)
     run = context.session.process(p.artifact)
-    delay = _delay_of(context, run) if run is not None else _Delay(0.0, 1.0)
+    if run is not None:
+        delay = _delay_of(context, run)
+    else:
+        delay = _Delay(0.0, 1.0)
     parts = [_judge_reported(context, p, row, claims[row.name], delay) for row in rows]
-    measured = "" if any(part.text for part in parts) else "no results"
+    measured = "no results"
+    if any(part.text for part in parts):
+        measured = ""
     where = (context.output_of(p.artifact),)
     finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.doubt)
     finding = _explained_by_lambda(context, p, finding, printed)
@@ -206,7 +215,10 @@ def _judge_reported(
     worst = _worst_lateness(context, run, usual, written * delay.delay_s / delay.length_s)
     share, reason = _judge_row(context, p, row, claim, written, usual)
     best, _ = _judge_row(context, p, row, claim, written, worst)
-    latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
+    if claim.mean_s is None:
+        latency = "no latency"
+    else:
+        latency = f"{claim.mean_s * 1e3:.2f} ms"
     text = f"{row.name} {claim.count} of {written}, {latency}"
     hint = ""
     if "incompatible" in reason:
@@ -350,7 +362,9 @@ def _unheld(context: Context, run: ProcessRun, topic: str) -> float:
     As many may be missing in a true count. One message may have come just as the node began to wait.
     """
     claim = claim_of(context, "subscription", topic)
-    depth = claim.qos.depth if claim is not None and claim.qos is not None else 1
+    depth = 1
+    if claim is not None and claim.qos is not None:
+        depth = claim.qos.depth
     times = context.session.stream(topic).source_ns
     if len(times) < 2:
         return 0.0

@@ -235,7 +235,9 @@ def survives(context: Context, p: Survives) -> Finding:
         reason = "The recording does not show what the node did then."
         return inconclusive(expected, "the step was not reached", reason)
     first = processes[0]
-    later = context.session.step(p.until) if p.until is not None else None
+    later = None
+    if p.until is not None:
+        later = context.session.step(p.until)
     until_ns = _tested_until_ns(processes, later)
     if _ended_by_itself(first, until_ns):
         measured = (

@@ -216,7 +216,9 @@ class _Seen:
 
     @cached_property
     def span(self) -> Span | None:
-        return self.session.window(self.p.window) if self.p.window else None
+        if self.p.window:
+            return self.session.window(self.p.window)
+        return None
 
     @cached_property
     def edges(self) -> list[Broadcast]:
@@ -414,7 +416,9 @@ def _tree(seen: _Seen) -> list[Part]:
     if len(roots) > 1:
         named = ", ".join(roots[:_MOST_NAMED])
         found.append(f"There are {len(roots)} roots, not connected: {named}.")
-    text = f"{len(parents)} frames below {roots[0]}" if len(roots) == 1 else ""
+    text = ""
+    if len(roots) == 1:
+        text = f"{len(parents)} frames below {roots[0]}"
     sound = [Part(1.0, text)] * (3 - len(found))
     return [*(Part(0.0, reason=reason) for reason in found), *sound]
 
@@ -667,7 +671,10 @@ def _with_mistake(part: Part, sent: _SentPoses) -> Part:
 
 def _with_doubt(part: Part) -> Part:
     """Return a part with a doubt, if the machine delays may have cost credit."""
-    best = part.share if part.best is None else max(part.share, part.best)
+    if part.best is None:
+        best = part.share
+    else:
+        best = max(part.share, part.best)
     doubt = ""
     if best > part.share:
         doubt = "Not your fault: the grading computer delayed your program while it sent poses."
