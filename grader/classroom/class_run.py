@@ -136,9 +136,13 @@ class ClassRun:
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
         """Return the journal's entry of valid recordings."""
-        entry = self.journal.holds(task.source.name, task.key) if task.submission else None
+        entry = None
+        if task.submission:
+            entry = self.journal.holds(task.source.name, task.key)
         enough = [level.value for level in Level if level.at_least(least)]
-        return entry if entry is not None and entry.isolation in enough else None
+        if entry is not None and entry.isolation in enough:
+            return entry
+        return None
 
     def _is_undecided(self, result: Result) -> bool:
         return bool(undecided_sessions(result, list(self.rubric.sessions)))
@@ -155,7 +159,9 @@ class ClassRun:
         others: dict[str, _Task] = {}
         for task, entry in kept.items():
             self._state_intake(task)
-            result = self._result(task) if entry.policy == task.policy else None
+            result = None
+            if entry.policy == task.policy:
+                result = self._result(task)
             if result is not None:
                 rows[task] = Row(task.source, result, reused=True)
             else:
@@ -260,7 +266,9 @@ class ClassRun:
             recordings_sha256(job.results) in ("", recorded)
             or ending.exit_status == RecordingError.exit_status
         ):
-            return ending if scope is Scope.UNDECIDED else self._abandoned(task, ending)
+            if scope is Scope.UNDECIDED:
+                return ending
+            return self._abandoned(task, ending)
         # The recordings could not be judged; the next run tries again.
         if before is not None:
             audit.keep(self.journal.results, name, before)

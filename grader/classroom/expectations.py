@@ -191,7 +191,10 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
         own = folder / "submission"
         if own.is_dir():
             layers.append(own)
-        unfit = expectation.unfit(rubric) if rubric is not None else []
+        if rubric is not None:
+            unfit = expectation.unfit(rubric)
+        else:
+            unfit = []
         for loc, words in (*unfit, *_absent(expectation, layers)):
             mistakes.add(loc, words)
     except ValidationError as error:
@@ -339,4 +342,6 @@ def _from_teacher(expectation: Expectation, criterion: CriterionResult) -> Itera
 
 
 def _span(least: Decimal, most: Decimal) -> str:
-    return str(least) if least == most else f"from {least} to {most}"
+    if least == most:
+        return str(least)
+    return f"from {least} to {most}"

@@ -126,9 +126,14 @@ def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
         lines = texts.get(spec.file, "").splitlines()
         imports += [line for line in lines if line.startswith(("import ", "from "))]
     ours = [] if find_spec("rclpy") is None else rubric.interface_packages
-    ours = ours if any(package.name in line for package in ours for line in imports) else []
+    if any(package.name in line for package in ours for line in imports):
+        ours = ours
+    else:
+        ours = []
     needed = [*ours, *shipped_for(imports)]
-    return provide(needed, folder, probe_isolation(OWN_INTERPRETER)).missing if needed else ()
+    if needed:
+        return provide(needed, folder, probe_isolation(OWN_INTERPRETER)).missing
+    return ()
 
 
 def _code_mistakes(
@@ -154,14 +159,16 @@ def _failure(loc: Loc, work: Callable[[], object], named: str, not_built: Collec
         work()
     # A program can end; a file of checks would end the judging.
     except SystemExit as end:
-        return describe_failure(end, named) if loc[0] in ("criteria", "bonus") else ""
+        if loc[0] in ("criteria", "bonus"):
+            return describe_failure(end, named)
+        return ""
     except Exception as problem:
-        module = (
-            (getattr(problem, "name", None) or "")
-            if isinstance(problem, ModuleNotFoundError)
-            else ""
-        )
-        return "" if module.partition(".")[0] in not_built else describe_failure(problem, named)
+        module = ""
+        if isinstance(problem, ModuleNotFoundError):
+            module = getattr(problem, "name", None) or ""
+        if module.partition(".")[0] in not_built:
+            return ""
+        return describe_failure(problem, named)
     return ""
 
 

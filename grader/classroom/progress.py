@@ -61,7 +61,9 @@ class RunProgress(Live):
         if progress.ended:
             phases.pop(progress.session, None)
         else:
-            step = f" ({progress.step} of {progress.steps})" if progress.steps else ""
+            step = ""
+            if progress.steps:
+                step = f" ({progress.step} of {progress.steps})"
             phases[progress.session] = progress.text[:200] + step
 
     def took_s(self, name: str) -> float:
@@ -84,7 +86,10 @@ class RunProgress(Live):
     def ended(self, row: Row) -> None:
         """Note the ending of a submission of a class."""
         failed = isinstance(row.ending, GraderError)
-        remark = "as before" if row.reused else "not graded" if failed else ""
+        if row.reused:
+            remark = "as before"
+        else:
+            remark = "not graded" if failed else ""
         self.done(row.source.name, None if row.reused else _line(row), remark)
 
     def note(self, text: str) -> None:
@@ -125,9 +130,14 @@ class RunProgress(Live):
     def _time_left(self) -> str:
         """Estimate the time left: by the speed so far, as soon as there is one."""
         elapsed_s = time.monotonic() - self._began_s
-        speed = self._done_s / elapsed_s if self._done_s and elapsed_s > 0 else self._speed
+        if self._done_s and elapsed_s > 0:
+            speed = self._done_s / elapsed_s
+        else:
+            speed = self._speed
         left_s = sum(self._work_s.values()) / speed
-        return f"{left_s / 60:.0f} min" if left_s >= 90 else f"{left_s:.0f} s"
+        if left_s >= 90:
+            return f"{left_s / 60:.0f} min"
+        return f"{left_s:.0f} s"
 
 
 def _line(row: Row) -> Text:
@@ -135,7 +145,9 @@ def _line(row: Row) -> Text:
     if isinstance(row.ending, GraderError):
         return Text(f"✗ {name}: not graded: {_problem(row.ending, row.source.name)}", "red")
     score = row.ending.score
-    undecided = f", {points(score.undecided)} undecided" if score.undecided else ""
+    undecided = ""
+    if score.undecided:
+        undecided = f", {points(score.undecided)} undecided"
     return Text(f"✓ {name}: {_points(row.ending)}{undecided} ({row.took_s:.0f} s)")
 
 

@@ -175,9 +175,10 @@ def regrade_all(
         folder: partial(_judge, folder, measure, pages, again)
         for folder, measure in measures.items()
     }
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
     judged, failed = {}, {}
     for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
         name = folder.resolve().name

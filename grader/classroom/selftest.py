@@ -104,7 +104,10 @@ async def _graded(
         location = f"{ending.location}: " if ending.location else ""
         return FixtureRun(name, "!", (f"not graded: {location}{ending.problem}",))
     verdict = compare(fixture.expectation, ending, rubric)
-    sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
+    if not verdict.differences:
+        sign = "✓"
+    else:
+        sign = "?" if verdict.undecided else "✗"
     return FixtureRun(name, sign, verdict.differences, ending.final, ending.score.possible)
 
 

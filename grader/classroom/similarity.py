@@ -55,9 +55,10 @@ def common_folders(folders: Sequence[Path], rubric: Rubric, given: Sequence[Path
 
 def compare(folders: Sequence[Path], common: Sequence[Path]) -> Similarity:
     """Compare the submissions that were recorded in some folders; a failure of one does not affect the others."""
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
     programs, problems = [], {}
     for name, outcome in in_processes(
         {f.name: partial(_program, f) for f in folders}, _READING_BOUND, cores

@@ -117,11 +117,9 @@ class Here(ExitStack):
             self._lost += 1
             self._workers = None
         # Any report can be an effect of that: sessions of a lost server are recorded as undecided.
-        return (
-            ending
-            if isinstance(ending, ProcessLostError)
-            else ProcessLostError("a server was killed")
-        )
+        if isinstance(ending, ProcessLostError):
+            return ending
+        return ProcessLostError("a server was killed")
 
 
 async def grade_in_process(
@@ -186,7 +184,10 @@ def _broken(status: int | None, errors: Path) -> GraderError:
     """Return the known facts about a process without an ending."""
     if status is None:
         return ProcessLostError("the process that grades all submissions was killed")
-    how = f"status {status}" if status >= 0 else signal.Signals(-status).name
+    if status >= 0:
+        how = f"status {status}"
+    else:
+        how = signal.Signals(-status).name
     lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     remedy = "Grade this submission alone. A SIGKILL that nobody sent means that the machine ran out of memory."

@@ -154,4 +154,6 @@ def _get(node: Any, key: str) -> Any:
 
 def _items(node: Any, key: str) -> list[Any]:
     found = _get(node, key)
-    return list(found.value) if found is not None else []
+    if found is not None:
+        return list(found.value)
+    return []

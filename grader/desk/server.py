@@ -129,7 +129,10 @@ class Server:
             return _not_found()
         own = result.rubric_sha256 in ("", self.desk.rubric.sha256)
         try:
-            rubric = self.desk.rubric if own else _recorded(rubric_copy(folder.parent))
+            if own:
+                rubric = self.desk.rubric
+            else:
+                rubric = _recorded(rubric_copy(folder.parent))
             page = evidence_of(result, folder, rubric, part)
         except (GraderError, OSError) as error:
             page = f"<!DOCTYPE html><title>Evidence</title><p>There is no evidence to show: {_escaped(error)}</p>"
@@ -262,7 +265,9 @@ def _plain(value: Any) -> dict[str, Any]:
 
 
 def _number(value: Any) -> Any:
-    return views.points(value) if isinstance(value, Decimal) else list(value)
+    if isinstance(value, Decimal):
+        return views.points(value)
+    return list(value)
 
 
 def _answer(content: bytes, ending: str, policy: str = _OWN_POLICY, status: int = 200) -> Response:
