@@ -72,7 +72,9 @@ class _NameLab(argparse.Action):
 def rubric_path(text: str) -> Path:
     """Return the path of a rubric, given by itself or by its folder."""
     path = Path(text)
-    return path / RUBRIC_FILE if path.is_dir() else path
+    if path.is_dir():
+        return path / RUBRIC_FILE
+    return path
 
 
 def add_flag(parser: _ActionsContainer, option: str, words: str) -> None:
@@ -110,7 +112,9 @@ def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
         return "none"
     if options.require_isolation is not None:
         return str(options.require_isolation)
-    return "no-cgroup" if several or os.environ.get("CI", "").lower() in _TRUE else "reduced"
+    if several or os.environ.get("CI", "").lower() in _TRUE:
+        return "no-cgroup"
+    return "reduced"
 
 
 def interpreter_of(chosen: Path | None) -> Path:
@@ -122,7 +126,9 @@ def interpreter_of(chosen: Path | None) -> Path:
         raise PlatformError(
             "there is no such interpreter", location=str(chosen), remedy="Check --python."
         )
-    return Path(sys.executable) if chosen is None else chosen.absolute()
+    if chosen is None:
+        return Path(sys.executable)
+    return chosen.absolute()
 
 
 def points(text: str) -> Decimal:
@@ -147,7 +153,9 @@ def print_note(console: Console, text: str, style: str = "yellow") -> None:
 
 def print_error(error: GraderError) -> None:
     """Print problem, location and remedy to standard error."""
-    location = f"{terminal_text(error.location)}: " if error.location else ""
+    location = ""
+    if error.location:
+        location = f"{terminal_text(error.location)}: "
     print(f"grade: {location}{terminal_text(error.problem)}", file=sys.stderr)
     for mistake in error.mistakes if isinstance(error, RubricError) else ():
         print(f"  {terminal_text(mistake)}", file=sys.stderr)

@@ -67,7 +67,9 @@ def add_exports(
 
 def _below_here(text: str) -> str:
     """Return a path relative to the working folder, which is the repository in a CI job."""
-    return os.path.relpath(text) if Path(text).is_absolute() else text
+    if Path(text).is_absolute():
+        return os.path.relpath(text)
+    return text
 
 
 def _target(text: str, forms: Mapping[str, Export | ClassExport] = FORMS) -> ExportTarget:
@@ -187,7 +189,10 @@ def _entries_of(results: Path, class_list: Path | None, *, is_single: bool) -> l
     from grader.cohort.entries import NOTHING_SUBMITTED, entries_in, entry_in, with_roster
     from grader.submission.roster import read_class_list
 
-    entries = [entry_in(results.resolve())] if is_single else entries_in(results)
+    if is_single:
+        entries = [entry_in(results.resolve())]
+    else:
+        entries = entries_in(results)
     if class_list is not None:
         entries = with_roster(entries, read_class_list(class_list))
         entries = [entry for entry in entries if entry.problem != NOTHING_SUBMITTED]
@@ -242,7 +247,10 @@ def _export(
     from grader.judging.result_files import judge_so_far
 
     try:
-        result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)
+        if options.so_far:
+            result = judge_so_far(results)
+        else:
+            result = load_result(results / RESULT_FILE)
     except FileNotFoundError as problem:
         remedy = "Name the results of one submission, e.g. results/alice."
         raise RecordingError(

@@ -75,7 +75,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
         raise UsageError(
             "there is no rubric.yaml in it", location=str(options.folder), remedy=remedy
         )
-    return _check(rubric, console) if options.command == "check" else _try(options, console)
+    if options.command == "check":
+        return _check(rubric, console)
+    return _try(options, console)
 
 
 def _new(folder: Path, console: Console) -> int:

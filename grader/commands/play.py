@@ -163,9 +163,10 @@ def _recording(results: Path, session: str | None) -> Path:
         remedy = "Name the results of one submission, e.g. results/alice."
         raise RecordingError("there are no recordings in it", location=str(results), remedy=remedy)
     if session not in names and (session is not None or len(names) > 1):
-        problem = (
-            "there are several sessions" if session is None else f"there is no session {session!r}"
-        )
+        if session is None:
+            problem = "there are several sessions"
+        else:
+            problem = f"there is no session {session!r}"
         raise UsageError(
             problem, location=str(results), remedy=f"Name one session: {', '.join(names)}."
         )
