@@ -148,7 +148,9 @@ def absent_module(
         not_built = dict.fromkeys(interface_packages(submission), "")
     if name not in not_built:
         return None
-    why = f": {not_built[name]}" if not_built[name] else ""
+    why = ""
+    if not_built[name]:
+        why = f": {not_built[name]}"
     return (
         f"It needs the interfaces of the package {name}, which were not built{why}. {_WHO_DECIDES}"
     )

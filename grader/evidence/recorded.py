@@ -166,7 +166,9 @@ class Recorded:
         """Return the messages on a topic of the rubric; only the grader's own if the grader publishes it."""
         topic = self.used(name)
         apart = self.authorship(topic)
-        return self.bag.stream(topic) if apart is None else apart.own
+        if apart is None:
+            return self.bag.stream(topic)
+        return apart.own
 
     @functools.cached_property
     def awaited(self) -> frozenset[str]:
@@ -538,7 +540,10 @@ class Recorded:
         if len(samples) < 2:
             return math.inf
         is_held = _is_held(run, span)
-        cores = [str(run.core)] if is_held else list(samples[0].idle_ns)
+        if is_held:
+            cores = [str(run.core)]
+        else:
+            cores = list(samples[0].idle_ns)
 
         idle_s = 0.0
         for core in cores:

@@ -315,7 +315,9 @@ class Stream:
 
     @property
     def _decoder(self) -> _Decoder | None:
-        return _decoder(self.topic_type, self.definition) if self.definition else None
+        if self.definition:
+            return _decoder(self.topic_type, self.definition)
+        return None
 
     @functools.cached_property
     def messages(self) -> tuple[object | None, ...]:
@@ -345,7 +347,10 @@ class Stream:
 def _pick(value: Any, steps: Sequence[str | int]) -> Any:
     try:
         for step in steps:
-            value = value[step] if isinstance(step, int) else getattr(value, step)
+            if isinstance(step, int):
+                value = value[step]
+            else:
+                value = getattr(value, step)
     except (AttributeError, IndexError, TypeError):
         return None
     return value

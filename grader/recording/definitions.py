@@ -228,7 +228,9 @@ def installed_fields(name: str) -> Mapping[str, str] | None:
         known: Mapping[str, Any] = definition_of(name).types(name)
     except DefinitionNotFound:
         known = _types_of_rosbags()  # Types of ROS itself are known on machines without ROS, too.
-    return _spelled_fields(known[name][1]) if name in known else None
+    if name in known:
+        return _spelled_fields(known[name][1])
+    return None
 
 
 def _spelled_fields(fields: Sequence[tuple[str, tuple[int, Any]]]) -> Mapping[str, str]:

@@ -74,7 +74,10 @@ class InterfacePackage:
         for file, text in self.files.items():
             path = PurePosixPath(file)
             parts = PARTS[path.parent.name]
-            sections = [text] if len(parts) == 1 else _SEPARATOR.split(text)
+            if len(parts) == 1:
+                sections = [text]
+            else:
+                sections = _SEPARATOR.split(text)
             if len(sections) != len(parts):
                 raise ValueError(f"{file}: {len(parts) - 1} lines of --- are needed")
             for part, section in zip(parts, sections, strict=True):

@@ -60,7 +60,9 @@ class Identity:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of a single person; none of several, because no name of one stands for all."""
-        return self.people[0].names if len(self.people) == 1 else ()
+        if len(self.people) == 1:
+            return self.people[0].names
+        return ()
 
     def completed(self, other: Identity) -> Identity:
         """Return this identity, with the facts of another one of the same submission where this one has none."""
