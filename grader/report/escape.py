@@ -96,7 +96,9 @@ def _percent(text: str) -> str:
 def terminal_text(text: str, limit: int = 400) -> str:
     """Return a text as one line that neither a terminal nor a CI log obeys, wherever it is broken, cut to a length."""
     whole = uncommanded(line(text, limit))
-    return whole if len(whole) <= limit else whole[: limit - 1] + "…"
+    if len(whole) <= limit:
+        return whole
+    return whole[: limit - 1] + "…"
 
 
 # -- Markdown as GitHub renders it -------------------------------------------------------------

@@ -74,7 +74,9 @@ def badge_of(outcome: Outcome) -> Badge:
 def points(value: Decimal) -> str:
     """Write points without trailing zeros."""
     text = f"{value:f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    if "." in text:
+        return text.rstrip("0").rstrip(".")
+    return text
 
 
 def tenths(value: Decimal) -> str:
@@ -414,7 +416,10 @@ def location_of(
 ) -> ShownLocation:
     """Put a location in words, with its source lines and a link to its process's output or its session."""
     if where.file:
-        lines = _excerpt(texts, where.file, where.line) if where.line else ()
+        if where.line:
+            lines = _excerpt(texts, where.file, where.line)
+        else:
+            lines = ()
         return ShownLocation(str(where), "", lines)
     session = where.session or ""
     process = where.process or ""

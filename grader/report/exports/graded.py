@@ -157,7 +157,10 @@ def _in_repository(where: Location, path_prefix: str) -> Location | None:
 
 def points_of(check: GradedCheck) -> str:
     """Write the earned points of a check: `3 / 5`; `? / 5` if the check is undecided."""
-    earned = "?" if check.open else points(check.earned + check.given)
+    if check.open:
+        earned = "?"
+    else:
+        earned = points(check.earned + check.given)
     return f"{earned} / {points(check.possible)}"
 
 

@@ -64,7 +64,9 @@ def _add_case(suite: ElementTree.Element, name: str, class_name: str, check: Gra
 
 def _describe(case: ElementTree.Element, name: str, cost: str, check: GradedCheck) -> None:
     # GitLab shows the contents alone, Jenkins the message and below it the contents.
-    message = f"{cost}: {check.reason}" if check.reason else cost
+    message = cost
+    if check.reason:
+        message = f"{cost}: {check.reason}"
     element = ElementTree.SubElement(case, name, message=line(message, 600))
     element.text = shown(f"{cost}\n{full_text(check)}")
 

@@ -54,7 +54,9 @@ class ExportTarget:
         return ExportTarget(self.name, str(Path(self.file).absolute()))
 
     def __str__(self) -> str:
-        return self.name if self.file is None else f"{self.name}={self.file}"
+        if self.file is None:
+            return self.name
+        return f"{self.name}={self.file}"
 
 
 def write_exports(

@@ -192,7 +192,10 @@ def _caption(motion: Motion, unit_m: float) -> str:
         return "There is no ghost, because this recording holds no commanded points to draw."
     at_s = motion.times_ms[motion.still] / 1000
     off_m = float(motion.tip_distances.max()) * unit_m
-    off = f"{short(off_m)} m" if off_m >= 1 else f"{short(1000 * off_m)} mm"
+    if off_m >= 1:
+        off = f"{short(off_m)} m"
+    else:
+        off = f"{short(1000 * off_m)} mm"
     return f"At {at_s:.2f} s the tip is farthest from its commanded position: {off}."
 
 

@@ -190,7 +190,10 @@ class _Rates:
         expected = self.expected_hz
         farthest = max(np.abs(self.rates_hz - expected))
         reach = max(0.1 * expected, farthest * 1.2)
-        low = 0.0 if reach >= 0.5 * expected else expected - reach
+        if reach >= 0.5 * expected:
+            low = 0.0
+        else:
+            low = expected - reach
         return Range(low, expected + reach)
 
     def paint(self, canvas: Canvas) -> None:

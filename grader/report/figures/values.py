@@ -207,7 +207,9 @@ class _SeriesChart:
         shown = "; ".join(ranges[:_MOST_RANGES])
         if len(ranges) > _MOST_RANGES:
             shown += "; …"
-        caption = f"Range in {self.unit or 'numbers'}: {shown}." if ranges else "Nothing moves."
+        caption = "Nothing moves."
+        if ranges:
+            caption = f"Range in {self.unit or 'numbers'}: {shown}."
         still = len(self.lines) - len(ranges)
         if still:
             caption += f" {still} of {len(self.lines)} lines do not move."
