@@ -161,7 +161,9 @@ def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
             closed.append(name)
     if not closed:
         return
-    more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
+    more = ""
+    if len(closed) > 1:
+        more = f" and {len(closed) - 1} more"
     raise SubmissionError(
         f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
         location=intake.source.location,
@@ -196,7 +198,10 @@ def _given_texts(rubric: Rubric) -> dict[str, str]:
     if rubric.lab.handout is None:
         return {}
     handout = rubric.folder / rubric.lab.handout
-    paths = [handout] if handout.is_file() else sorted(handout.rglob("*"))
+    if handout.is_file():
+        paths = [handout]
+    else:
+        paths = sorted(handout.rglob("*"))
     texts = {}
     for path in paths:
         if path.suffix.lower() in TEXT_SUFFIXES and path.is_file():

@@ -64,9 +64,9 @@ def _parts(path: str | PurePath) -> list[str]:
 
 
 def _opened(top: int | Path) -> AbstractContextManager[int]:
-    return (
-        nullcontext(top) if isinstance(top, int) else _closing(os.open(top, os.O_RDONLY | _FOLDER))
-    )
+    if isinstance(top, int):
+        return nullcontext(top)
+    return _closing(os.open(top, os.O_RDONLY | _FOLDER))
 
 
 @contextmanager

@@ -500,7 +500,10 @@ def _unread_times(students: Sequence[Student]) -> list[str]:
     unread = [student.unread_time for student in students if student.unread_time]
     if not unread:
         return []
-    count = "1 time" if len(unread) == 1 else f"{len(unread)} times"
+    if len(unread) == 1:
+        count = "1 time"
+    else:
+        count = f"{len(unread)} times"
     first = displayed(unread[0])
     return [
         f"The class list has {count} that could not be read, such as {first!r}; a column "

@@ -183,7 +183,10 @@ class SubmissionSource:
     def of(cls, path: Path) -> SubmissionSource:
         """Return the submission at a path, with the name of its folder or archive."""
         name = Path(os.path.realpath(path)).name or "submission"
-        named = name if is_folder(path) else file_names.without_archive_suffix(name)
+        if is_folder(path):
+            named = name
+        else:
+            named = file_names.without_archive_suffix(name)
         return cls(named, (Piece(path),), location=str(path), origin=os.path.realpath(path))
 
 
@@ -539,4 +542,6 @@ def _neighbours(path: Path) -> str:
         found = [p for p in path.parent.iterdir() if not p.name.startswith(".")]
     there = sorted(p.name for p in found if p.is_dir() or file_names.is_packed(p.name))
     near = difflib.get_close_matches(path.name, there, n=3, cutoff=0.5) or there[:5]
-    return f"In {path.parent}/ there is: {', '.join(near)}." if near else ""
+    if near:
+        return f"In {path.parent}/ there is: {', '.join(near)}."
+    return ""

@@ -59,7 +59,9 @@ class Listing:
     def origin(self) -> str:
         """The location of the folder, independent of the way that the path was typed."""
         path = os.path.realpath(self.path)
-        return f"{path}: {self.within}" if self.within else path
+        if self.within:
+            return f"{path}: {self.within}"
+        return path
 
     @property
     def is_repository(self) -> bool:

@@ -100,7 +100,10 @@ def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
     """
     for above, folders, files, folder in os.fwalk(os.path.realpath(path)):
         inside = os.path.relpath(above, os.path.realpath(path))
-        depth = 0 if inside == "." else inside.count("/") + 1
+        if inside == ".":
+            depth = 0
+        else:
+            depth = inside.count("/") + 1
         for name in (*sorted(files), *sorted(folders)):
             yield from _entry(
                 folder, name, name if depth == 0 else f"{inside}/{name}", depth == most_depth

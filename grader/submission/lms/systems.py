@@ -176,7 +176,10 @@ def _blackboard(entries: Entries) -> dict[str, Delivered]:
     delivered = {}
     for match in found:
         head = match["head"]
-        student = head.removeprefix(title) if title else head.rpartition("_")[2]
+        if title:
+            student = head.removeprefix(title)
+        else:
+            student = head.rpartition("_")[2]
         time = _time(match["time"], "%Y-%m-%d-%H-%M-%S")
         if time is not None:
             file = match["file"] or ""
