@@ -150,7 +150,10 @@ def _is_known(name: str, sha256: str) -> bool:
 
 def _known_folder() -> Path:
     state = os.environ.get("XDG_STATE_HOME")
-    folder = Path(state) if state else Path.home() / ".local/state"
+    if state:
+        folder = Path(state)
+    else:
+        folder = Path.home() / ".local/state"
     return folder / "grade/known-lab-files"
 
 

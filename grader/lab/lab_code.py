@@ -96,11 +96,9 @@ def _model_named(name: str, found: Definition) -> type[Parameters] | None:
     node = found.beside.get(name)
     # A class within itself is left to the file.
     inner = {other: each for other, each in found.beside.items() if each is not found.node}
-    return (
-        model_of(Definition(node, inner))
-        if isinstance(node, ast.ClassDef) and name in inner
-        else None
-    )
+    if isinstance(node, ast.ClassDef) and name in inner:
+        return model_of(Definition(node, inner))
+    return None
 
 
 def _value(node: ast.expr | None, *, limited: bool = False) -> Any:

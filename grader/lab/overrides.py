@@ -78,7 +78,9 @@ def _date(value: Any) -> Any:
             found = parse_time(value)
     if not isinstance(found, date):
         raise ValueError("a date is expected, such as 2026-11-21, with its time where you like")
-    return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
+    if isinstance(found, datetime):
+        return found.isoformat(timespec="minutes")
+    return found.isoformat()
 
 
 Points = Annotated[Decimal, BeforeValidator(_points)]

@@ -131,7 +131,9 @@ def _last_line(node: yaml.Node) -> int:
 
 
 def _ended(text: str) -> str:
-    return "" if not text or text.endswith("\n") else "\n"
+    if not text or text.endswith("\n"):
+        return ""
+    return "\n"
 
 
 def _listed(entry: str, columns: int) -> str:

@@ -29,7 +29,9 @@ _AMOUNT = re.compile(r"(\d{1,6}(?:\.\d{1,3})?)\s*(%|points?)")
 def _time_span(value: Any) -> Any:
     if isinstance(value, timedelta):
         return value
-    text = value.strip().lower() if isinstance(value, str) else ""
+    text = ""
+    if isinstance(value, str):
+        text = value.strip().lower()
     parts = _SPAN.findall(text)
     units = {unit for _, unit in parts}
     if not (_SPANS.fullmatch(text) and units <= _UNITS.keys()):
@@ -94,20 +96,22 @@ class Amount:
 
     def of(self, points: Decimal) -> Decimal:
         """Return the points that this is of some points; not rounded."""
-        return points * self.value / 100 if self.percent else self.value
+        if self.percent:
+            return points * self.value / 100
+        return self.value
 
     def __str__(self) -> str:
-        return (
-            f"{self.value:f} %"
-            if self.percent
-            else f"{self.value:f} point{'s' * (self.value != 1)}"
-        )
+        if self.percent:
+            return f"{self.value:f} %"
+        return f"{self.value:f} point{'s' * (self.value != 1)}"
 
 
 def _amount(value: Any) -> Any:
     if isinstance(value, Amount):
         return value
-    found = _AMOUNT.fullmatch(value.strip().lower()) if isinstance(value, str) else None
+    found = None
+    if isinstance(value, str):
+        found = _AMOUNT.fullmatch(value.strip().lower())
     if found is None:
         raise ValueError("an amount with its unit is expected, such as 10 % or 5 points")
     number, unit = Decimal(found[1]), found[2]
@@ -267,7 +271,9 @@ def time_text(moment: datetime | date) -> str:
     if not isinstance(moment, datetime):
         return moment.isoformat()
     written, offset = moment.strftime("%Y-%m-%d %H:%M"), moment.strftime("%z")
-    return f"{written} {offset[:3]}:{offset[3:5]}" if offset else written
+    if offset:
+        return f"{written} {offset[:3]}:{offset[3:5]}"
+    return written
 
 
 def span_text(span: timedelta) -> str:

@@ -907,7 +907,9 @@ def _share(value: Any) -> float:
     share = value
     if isinstance(value, str):
         number = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%\s*", value)
-        share = float(number[1]) / 100 if number else value
+        share = value
+        if number:
+            share = float(number[1]) / 100
     is_number = isinstance(share, (int, float)) and not isinstance(share, bool)
     if not is_number or not 0 <= share <= 1:
         raise ValueError("a share from 0 to 1 is expected, such as 2% or 0.02")

@@ -193,7 +193,9 @@ def _step(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, dict):
         kinds += [str(key) for key in value if key != "label"]
     if len(kinds) != 1 or kinds[0] not in STEPS:
-        near = suggestion(kinds[0], STEPS) if len(kinds) == 1 else ""
+        near = ""
+        if len(kinds) == 1:
+            near = suggestion(kinds[0], STEPS)
         raise ValueError(
             f"a step has one key of {', '.join(STEPS)}, and a label where checks refer to it{near}"
         )

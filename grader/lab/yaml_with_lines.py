@@ -164,7 +164,10 @@ class Mistakes:
 
     def error(self, remedy: str) -> RubricError:
         """Return the error with all mistakes, in the order of their lines."""
-        count = "1 mistake" if len(self.found) == 1 else f"{len(self.found)} mistakes"
+        if len(self.found) == 1:
+            count = "1 mistake"
+        else:
+            count = f"{len(self.found)} mistakes"
         messages = [message for _, message in sorted(self.found)]
         problem = f"{self.what} has {count}"
         return RubricError(problem, messages, location=str(self.path), remedy=remedy)

@@ -36,7 +36,9 @@ class SetParametersResult(StepResult):
 
     def note(self) -> str:
         """Write the reasons of refusals."""
-        return f"refused: {fields(self.refused)}" if self.refused else ""
+        if self.refused:
+            return f"refused: {fields(self.refused)}"
+        return ""
 
 
 class SetParametersStep(Step):
