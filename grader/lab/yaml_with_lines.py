@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from typing import Self
 
 Loc = tuple[str | int, ...]
+#: A mistake in a YAML file: its place, and its description.
+Fault = tuple[Loc, str]
 
 _INT = "tag:yaml.org,2002:int"
 _TIMESTAMP = "tag:yaml.org,2002:timestamp"
@@ -92,7 +94,7 @@ def meant(word: str, known: Sequence[str]) -> str:
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
-def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
+def mistakes_at(found: Iterable[Fault]) -> ValidationError:
     """Return pydantic's error for mistakes at places below the validated value."""
     details: list[InitErrorDetails] = []
     for loc, words in found:

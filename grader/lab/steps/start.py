@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from grader.lab import references as ref
 from grader.lab.lab_code import Settings
 from grader.lab.steps.base import Step, StepResult
-from grader.lab.yaml_with_lines import mistakes_at
+from grader.lab.yaml_with_lines import Fault, mistakes_at
 
 
 @dataclass
@@ -67,12 +67,10 @@ class StartStep(Step):
             ("name", "parameters", "remappings", "composed", "if_ended"), "student"
         )
         owners["with_"] = "reference"
-        if useless := [
-            key
-            for key in self.model_fields_set & owners.keys()
-            if getattr(self, owners[key]) is None
-        ]:
-            raise mistakes_at(
-                ((key.rstrip("_"),), f"only a {owners[key]} takes it") for key in useless
-            )
+        useless: list[Fault] = []
+        for key in self.model_fields_set & owners.keys():
+            if getattr(self, owners[key]) is None:
+                useless.append(((key.rstrip("_"),), f"only a {owners[key]} takes it"))
+        if useless:
+            raise mistakes_at(useless)
         return self
