@@ -36,7 +36,10 @@ def _time_span(value: Any) -> Any:
     units = {unit for _, unit in parts}
     if not (_SPANS.fullmatch(text) and units <= _UNITS.keys()):
         raise ValueError("a time with its unit is expected, such as 10 min, 36 h or 2 days")
-    return sum((float(number) * _UNITS[unit] for number, unit in parts), timedelta())
+    total = timedelta()
+    for number, unit in parts:
+        total += float(number) * _UNITS[unit]
+    return total
 
 
 def _moment(value: Any) -> Any:
@@ -51,13 +54,8 @@ def _moment(value: Any) -> Any:
 def parse_time(text: str) -> datetime | None:
     """Read a date with its time from ISO 8601, also with "UTC" at its end, as GitHub and Canvas write it."""
     try:
-        return datetime.fromisoformat(
-            re.sub(
-                r"([Zz]|UTC)$",
-                "+00:00",
-                re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()),
-            )
-        )
+        joined = re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip())
+        return datetime.fromisoformat(re.sub(r"([Zz]|UTC)$", "+00:00", joined))
     except ValueError:
         return None
 
@@ -174,14 +172,13 @@ class LatePolicy(Strict):
 
     def days(self, late: timedelta) -> Decimal:
         """Return how many days a lateness counts as."""
-        exact = Decimal(late // timedelta(microseconds=1)) / Decimal(
-            _DAY // timedelta(microseconds=1)
-        )
+        unit = timedelta(microseconds=1)
+        exact = Decimal(late // unit) / Decimal(_DAY // unit)
         if self.counts == "exact time":
             return exact
-        return exact.to_integral_value(
-            ROUND_CEILING if self.counts == "started days" else ROUND_FLOOR
-        )
+        if self.counts == "started days":
+            return exact.to_integral_value(ROUND_CEILING)
+        return exact.to_integral_value(ROUND_FLOOR)
 
 
 def _zone_name(value: Any) -> Any:
@@ -232,12 +229,10 @@ class Policy(Strict):
 
     def zoned(self, submission_time: SubmissionTime) -> SubmissionTime:
         """Return times of submission with their offset from UTC, as far as the policy names the zone of all others."""
-        return replace(
-            submission_time,
-            at=self._zoned(submission_time.at),
-            newest_file=self._zoned(submission_time.newest_file),
-            last_commit=self._zoned(submission_time.last_commit),
-        )
+        at = self._zoned(submission_time.at)
+        newest_file = self._zoned(submission_time.newest_file)
+        last_commit = self._zoned(submission_time.last_commit)
+        return replace(submission_time, at=at, newest_file=newest_file, last_commit=last_commit)
 
     def _zoned(self, time: datetime | None) -> datetime | None:
         if time is None or self.timezone is None:
