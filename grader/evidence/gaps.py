@@ -41,7 +41,8 @@ def gaps_by_student(recorded: Recorded) -> list[RecordingGap]:
     found = []
     for gap in recorded.record.unrecorded:
         is_unseen = gap.messages == 0 and (gap.topic, gap.type) not in ours
-        if is_unseen or (gap.limit and _student_wrote_more(recorded)):
+        is_limit = bool(gap.limit) and _student_wrote_more(recorded)
+        if is_unseen or is_limit:
             found.append(gap)
     return found
 

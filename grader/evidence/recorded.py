@@ -82,7 +82,7 @@ class NumericStream:
     #: Rows of these messages in the topic's stream.
     index: Integers
 
-    def only(self, rows: NDArray[np.bool_]) -> NumericStream:
+    def only(self, rows: Booleans) -> NumericStream:
         """Return some of the messages."""
         return NumericStream(
             self.source_ns[rows],
@@ -334,7 +334,9 @@ class Recorded:
         our_nodes = {e.node for e in self.endpoints if e.gid in our_gids}
         found = []
         for endpoint in self.endpoints:
-            if endpoint.topic != topic or endpoint.kind != kind or endpoint.gid in our_gids:
+            if endpoint.topic != topic or endpoint.kind != kind:
+                continue
+            if endpoint.gid in our_gids:
                 continue
             if endpoint.node not in left_out or endpoint.node in our_nodes:
                 found.append(endpoint)
@@ -353,7 +355,8 @@ class Recorded:
         plain = self.used(name).rsplit("/", 1)[-1]
         found = []
         for claim in self.record.claims:
-            if claim.kind == kind and claim.name.rsplit("/", 1)[-1] == plain:
+            called = claim.name.rsplit("/", 1)[-1]
+            if claim.kind == kind and called == plain:
                 found.append(claim)
         return found
 
@@ -427,7 +430,8 @@ class Recorded:
         cores = list(before.idle_ns)
         if is_held:
             cores = [str(run.core)]
-        if not before.idle_ns.keys() & after.idle_ns.keys() >= set(cores):
+        measured = before.idle_ns.keys() & after.idle_ns.keys()
+        if not measured >= set(cores):
             return math.inf
         others_s = -self._unseen_s(around)
         for core in cores:
@@ -553,7 +557,8 @@ class Recorded:
             idle_s += _grown_s(idle, span)
         cores_used = (None, run.core) if is_held else ()
         own_s = self._own_s(run, span, cores_used)
-        others_s = len(cores) * span.duration_s - idle_s - own_s - self._unseen_s(span)
+        busy_s = len(cores) * span.duration_s - idle_s
+        others_s = busy_s - own_s - self._unseen_s(span)
         return max(0.0, others_s) + _IDLE_ERROR_S
 
     def _own_s(self, run: ProcessRun, span: Span, cores: Sequence[int | None]) -> float:
@@ -561,7 +566,8 @@ class Recorded:
         own_s = 0.0
         for other in self.record.processes:
             is_own = other.role == "student" or other is run
-            if is_own and (not cores or other.core in cores):
+            was_there = not cores or other.core in cores
+            if is_own and was_there:
                 own_s += self.cpu_s(other, span)
         return own_s
 
@@ -709,7 +715,8 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     for (begin_ns, before), (end_ns, after) in itertools.pairwise([(started_ns, 0), *samples]):
         total += max(0, min(after - before, span.shared_ns(begin_ns, end_ns)))
     last_ns, delayed_ns = samples[-1]
-    if run.exited_ns is not None and run.ended_by == "itself" and last_ns > started_ns:
+    was_sampled = last_ns > started_ns
+    if run.exited_ns is not None and run.ended_by == "itself" and was_sampled:
         unsampled_ns = span.shared_ns(last_ns, run.exited_ns)
         total += delayed_ns * unsampled_ns // (last_ns - started_ns)
     return total / 1e9
