@@ -172,7 +172,8 @@ class _Sent:
 
     def printed(self, text: str) -> bool:
         """Return whether the program's output has a text, which identifies a known mistake."""
-        return any(text in line.text for line in self.context.session.output_of(self.artifact))
+        lines = self.context.session.output_of(self.artifact)
+        return any(text in line.text for line in lines)
 
     def delay_s(self, start_ns: int, end_ns: int) -> float:
         """Return the machine's longest delay of a process in a span, including the sender of goals."""
@@ -440,11 +441,11 @@ def _feedback_count(sent: _Sent, count: int, least: int) -> Part:
 def _product(parts: Sequence[Part]) -> Part:
     """Return one part with the product of the shares, and the texts of all."""
     share = math.prod(part.share for part in parts)
-    bests = [part.share if part.best is None else part.best for part in parts]
+    best = math.prod(part.most for part in parts)
     text = " ".join(part.text for part in parts if part.text)
     reason = " ".join(part.reason for part in parts if part.reason)
     doubt = " ".join(part.doubt for part in parts if part.doubt)
-    return Part(share, text, reason, best=math.prod(bests), doubt=doubt)
+    return Part(share, text, reason, best=best, doubt=doubt)
 
 
 def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
@@ -498,7 +499,8 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     if not wrong:
         return Part(1.0, measured)
     hint = ""
-    if len(wrong) == len(got) and not any(got.values()):
+    all_wrong = len(wrong) == len(got)
+    if all_wrong and not any(got.values()):
         hint = "Fill in the fields of the result that the execute callback returns."
     share = 1 - len(wrong) / len(got)
     reason = f"In the result, {' and '.join(wrong)}."
@@ -595,14 +597,10 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
         return found
     became = f"ended as {newer.status}" if newer.has_ended else "did not end"
     reason = f"{found.reason} The newer goal {became}.".strip()
-    best = found.share if found.best is None else found.best
-    return replace(
-        found,
-        share=wanted.other_status_credit * found.share,
-        best=wanted.other_status_credit * best,
-        reason=reason,
-        hint=found.hint or _END_HINT,
-    )
+    kept = wanted.other_status_credit
+    hint = found.hint or _END_HINT
+    share = kept * found.share
+    return replace(found, share=share, best=kept * found.most, reason=reason, hint=hint)
 
 
 def _too_early(sent: _Sent, what: str, after_s: float | None) -> Part:
@@ -717,8 +715,11 @@ def _feedback_words(_: ActionServer, wanted: FeedbackWanted) -> str:
     rate = ""
     if wanted.at_least_hz is not None:
         rate = f" at {wanted.at_least_hz:g} Hz or more"
-    ways = ((wanted.rising, "never falls"), (wanted.falling, "never rises"))
-    order = "".join(f", {field} {way}" for field, way in ways if field is not None)
+    order = ""
+    if wanted.rising is not None:
+        order += f", {wanted.rising} never falls"
+    if wanted.falling is not None:
+        order += f", {wanted.falling} never rises"
     return f"{wanted.at_least} or more messages of feedback{rate}{order}"
 
 

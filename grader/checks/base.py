@@ -167,13 +167,9 @@ def passed(
 
 def excused(finding: Finding, elsewhere: str) -> Finding:
     """Return a finding without its loss, with a sentence on the check charged for the same mistake."""
-    return replace(
-        finding,
-        outcome=Outcome.EXCUSED,
-        credit=Decimal(1),
-        reason=f"{finding.reason} {elsewhere}".strip(),
-        hint="",
-    )
+    reason = f"{finding.reason} {elsewhere}".strip()
+    full = Decimal(1)
+    return replace(finding, outcome=Outcome.EXCUSED, credit=full, reason=reason, hint="")
 
 
 _MEASUREMENT_ERROR = "The measurement error spans more than one credit level."
@@ -233,7 +229,9 @@ def graded(
 
 def _leveled(share: float, levels: int) -> Decimal:
     """Return a share as credit, rounded down to so many levels if there are any."""
-    return credit_of(quantise(share, levels) if levels else share)
+    if levels:
+        return credit_of(quantise(share, levels))
+    return credit_of(share)
 
 
 @dataclass(frozen=True)
@@ -296,27 +294,32 @@ def of_parts(
     doubt
         Doubt if no part has one.
     """
-    least, most = _bounds(parts, lost=sum(share for share, _ in costs))
+    lost = sum(share for share, _ in costs)
+    least, most = _bounds(parts, lost)
     places: list[Location] = []
     notes: list[str] = []
     for part in parts:
         places += part.where
         notes += part.notes
-    texts = "; ".join(part.text for part in parts if part.text)
+    places += where
+    if not measured:
+        measured = "; ".join(part.text for part in parts if part.text)
     reasons = [reason for _, reason in costs]
     reasons += [part.reason for part in parts]
-    hints = _different(part.hint for part in parts)
+    reason = " ".join(_different(reasons))
+    hint = next((part.hint for part in parts if part.hint), "")
     doubts = _different(part.doubt for part in parts)
+    doubt = " ".join(doubts) or doubt
     finding = graded(
         least,
         expected,
-        measured or texts,
-        " ".join(_different(reasons)),
-        hint=hints[0] if hints else "",
-        where=[*places, *where],
+        measured,
+        reason,
+        hint=hint,
+        where=places,
         notes=notes,
         best=most,
-        doubt=" ".join(doubts) or doubt,
+        doubt=doubt,
     )
     return _with_causes(finding, parts)
 

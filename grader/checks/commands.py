@@ -140,7 +140,9 @@ class _Scope:
         inner = copy(self)
         inner._own = {}
         for name, value in step.parameters.items():
-            inner._own[name] = json.dumps(value) if isinstance(value, Mapping) else value
+            if isinstance(value, Mapping):
+                value = json.dumps(value)
+            inner._own[name] = value
         lines: list[str] = []
         for template in step.step.commands():
             lines += inner.filled(template)

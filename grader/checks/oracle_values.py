@@ -115,7 +115,9 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
         found: list[int] = []
         for i in index:
             stamp = stamps[i]
-            found.append(-1 if stamp is None else stamp)
+            if stamp is None:
+                stamp = -1
+            found.append(stamp)
         return np.array(found, dtype=np.int64)
 
 

@@ -271,8 +271,9 @@ class Context(Submission):
         stream = session.stream(topic)
         if window is not None:
             span = session.window(window) or Span(0, 0)
-            inside = (stream.received_ns >= span.start_ns) & (stream.received_ns <= span.end_ns)
-            stream = stream.only(inside)
+            is_begun = stream.received_ns >= span.start_ns
+            is_over = stream.received_ns > span.end_ns
+            stream = stream.only(is_begun & ~is_over)
         return Messages(
             stream.topic,
             stream.topic_type,

@@ -74,9 +74,9 @@ class ParameterEffect(Parameters):
 
     @model_validator(mode="after")
     def _is_of_one_kind(self) -> ParameterEffect:
-        are_numbers = not any(isinstance(each, (bool, str)) for each in (self.old, self.new))
-        if self.is_rate and not are_numbers:
-            raise ValueError("a rate is a number of Hz")
+        for value in (self.old, self.new):
+            if self.is_rate and isinstance(value, (bool, str)):
+                raise ValueError("a rate is a number of Hz")
         return self
 
     @property
@@ -180,7 +180,7 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
         measured += f"; after a restart with it {_shown(observed.restarted)}"
     if observed.after is None:
         return _nothing(context, p, expected, measured)
-    where = (context.location(p.topic, context.session.window(p.after) if p.topic else None),)
+    where = (_location_after(context, p),)
     if p.is_rate:
         finding = replace(_rate(context, p), expected=expected, measured=measured)
     elif p.fits(observed.after, p.new):
@@ -268,16 +268,19 @@ def _possible(
     if not p.is_rate or span is None or value is None:
         return [value]
     most = without_delay(value, context.session.longest_delay_s(span), span.duration_s)
-    return [value, most, min(max(value, float(other)), most)]
+    nearest = min(max(value, float(other)), most)
+    return [value, most, nearest]
 
 
 def _mistake(p: ParameterEffect, observed: _Observed) -> _Mistake:
     """Return the known mistake that explains some values; its reason is empty if there is none."""
     before = observed.before
     after = observed.after
-    if p.old != p.new and before is not None and p.fits(after, before):
+    if before is None:
+        return _Mistake(0.0, "")
+    if p.old != p.new and p.fits(after, before):
         return _unchanged(p, observed)
-    if p.is_rate and before is not None and p.fits(after, before + float(p.new)):
+    if p.is_rate and p.fits(after, before + float(p.new)):
         reason = "The old timer runs on beside the new one, so that their rates add up."
         return _Mistake(0.0, reason, _TIMER_HINT)
     return _Mistake(0.0, "")
@@ -310,6 +313,14 @@ def _rate(context: Context, p: ParameterEffect) -> Finding:
     limits = {"full_within": p.full_within, "zero_beyond": p.zero_beyond}
     asked = {"topic": p.topic, "process": p.process, "window": p.after, "rate_hz": float(p.new)}
     return topic_rate(context, TopicRate.model_validate({**asked, **limits}))
+
+
+def _location_after(context: Context, p: ParameterEffect) -> Location:
+    """Point at the topic after the change; at the whole session if the effect is not on a topic."""
+    span = None
+    if p.topic:
+        span = context.session.window(p.after)
+    return context.location(p.topic, span)
 
 
 def _nothing(context: Context, p: ParameterEffect, expected: str, measured: str) -> Finding:
@@ -385,9 +396,10 @@ def _refusal(p: ParameterRejected, name: str, value: Any, result: SetParametersR
         reason = f"{name} accepts {value!r}."
         return Part(0.0, f"{name} was set to {value!r}", reason, hint=_REFUSE_HINT)
     why = str(refused[name])[:_MOST_SHOWN]
-    text = f"{name}: refused ({why or 'no reason'}), then {_shown(after.get(name))}"
+    now = _shown(after.get(name))
+    text = f"{name}: refused ({why or 'no reason'}), then {now}"
     if before[name] != after.get(name):
-        changed = f"{name} was {_shown(before[name])}, and is {_shown(after.get(name))}"
+        changed = f"{name} was {_shown(before[name])}, and is {now}"
         return Part(p.changed_credit, text, f"{changed} after it refused {value!r}.")
     if not why.strip():
         reason = f"{name} refuses {value!r} without a reason."

@@ -160,7 +160,9 @@ def _explained_by_lambda(
     path = context.path_of(p.artifact) or ""
     late = late_lambda(context.submission.texts.get(path, ""))
     counting = [row for row in printed if row.count]
-    if late is None or len(printed) < 2 or len(counting) != 1:
+    if late is None:
+        return finding
+    if len(printed) < 2 or len(counting) != 1:
         return finding
     line, name = late
     reason = f"{finding.reason} All callbacks count for one row: the lambda in line {line} is called after the loop, and "
@@ -296,7 +298,9 @@ def _written_beforehand(
     latencies: set[float] = set()
     for claim in claims:
         latencies.update(value for value in (claim.mean_s, claim.max_s) if value)
-    if len(latencies) < _LEAST_LATENCIES or not all(claim.count in held for claim in claims):
+    if len(latencies) < _LEAST_LATENCIES:
+        return []
+    if not all(claim.count in held for claim in claims):
         return []
     for unit in _UNITS:
         places = [_line_of(value * unit, held) for value in latencies]
@@ -448,7 +452,9 @@ def _latency_problem(
 
 def _is_possible(got: ResultRow, mean_s: float, least_s: float, most_s: float) -> bool:
     """Tell whether a mean latency lies between two bounds, and not above the largest one."""
-    if mean_s < 0 or (got.max_s is not None and mean_s > got.max_s + 1e-5):
+    if mean_s < 0:
+        return False
+    if got.max_s is not None and mean_s > got.max_s + 1e-5:
         return False
     return least_s - got.rounding_s <= mean_s <= most_s + got.rounding_s
 

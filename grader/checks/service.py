@@ -58,7 +58,9 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
         fallback = f"The service {p.service} did not appear, nor one of a similar name. A client would wait forever."
         return unexplained(failed(expected, "no service in the graph", fallback))
     offer = next((each for each in offers if each.type == p.type), offers[0])
-    costs = p.faults("service", (p.service, p.type), (offer.name, offer.type), [offer.node])
+    wanted = (p.service, p.type)
+    found = (offer.name, offer.type)
+    costs = p.faults("service", wanted, found, [offer.node])
     costs += p.node_faults([offer.node])
     measured = f"{offer.name} of type {offer.type}, from {offer.node}"
     source = claimed_at(claim_of(context, "service", p.service))
@@ -196,7 +198,9 @@ def not_asked(context: Context, step: StepRun | None, kind: str) -> str:
     if step is not None:
         name = step.parameters.get(kind)
     used = context.session.used(str(name))
-    if name is None or used == name or _awaited(context, kind, name):
+    if name is None or used == name:
+        return ""
+    if _awaited(context, kind, name):
         return ""
     return f"it was called as {name}, and yours is named {used}"
 
