@@ -114,17 +114,17 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
     open_ids = {check.id for check in result.open_checks}
 
     def graded_check(check: CheckResult, criterion: str) -> GradedCheck:
-        undecided = Decimal(0) if check.id in given else check.undecided
+        undecided = check.undecided
+        if check.id in given:
+            undecided = Decimal(0)
         added = given.get(check.id, Decimal(0))
         if criterion in excused:
             # A decision about a whole criterion says nothing about each check, unless all of it is excused.
             added = check.possible - check.earned - undecided
-        return GradedCheck(
-            **{**vars(check), "undecided": undecided},
-            given=added,
-            open=check.id in open_ids,
-            location=_first_in_repository(check, path_prefix),
-        )
+        judged = vars(check) | {"undecided": undecided}
+        is_open = check.id in open_ids
+        location = _first_in_repository(check, path_prefix)
+        return GradedCheck(**judged, given=added, open=is_open, location=location)
 
     criteria = []
     for criterion in result.criteria:

@@ -111,7 +111,8 @@ def plain_report(result: Result) -> str:
         lines.append(f"  {share} {line(part.title)}{undecided}")
     for loss in losses_of(view)[:_MOST_LOSSES]:
         check = loss.check
-        lines += ["", f"{line(check.title)} ({_gain(loss)}): {line(check.reason, 600)}"]
+        reason = line(check.reason, 600)
+        lines += ["", f"{line(check.title)} ({_gain(loss)}): {reason}"]
         if check.hint:
             lines.append(line(check.hint, 600))
     return "\n".join([*lines, ""])
