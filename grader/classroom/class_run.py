@@ -205,12 +205,14 @@ class ClassRun:
             opened: Here | Cluster
             if isinstance(location, str):
                 opened = await stack.enter_async_context(cluster(location, self.display.note))
+                scope = Scope.ALL
             else:
                 opened = stack.enter_context(Here(location, self.machine))
-            # Undecided sessions are recorded again after the first recordings of all submissions.
-            scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
+                # Undecided sessions are recorded again after the first recordings of all submissions.
+                scope = Scope.ONCE
+            every = (*tasks, *undecided)
             await side_by_side(
-                self._finish(t, undecided.get(t), opened, scope) for t in (*tasks, *undecided)
+                self._finish(task, undecided.get(task), opened, scope) for task in every
             )
 
     async def _finish(
@@ -228,9 +230,8 @@ class ClassRun:
         except Exception as error:
             ending = self._abandoned(task, problem_of(error))
         if scope is Scope.ONCE and isinstance(ending, Result) and self._is_undecided(ending):
-            self.display.phase(
-                name, Progress("", "waits for the others, since something is undecided")
-            )
+            waits = Progress("", "waits for the others, since something is undecided")
+            self.display.phase(name, waits)
             return ending
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
         return None
@@ -287,17 +288,14 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
     entries = {entry.name: entry for entry in entries_in(results)}
     for row in rows:
         source = row.source
-        entry = entries.get(
-            source.name, ClassEntry(source.name, None, "There are no results of it.")
-        )
+        name = source.name
+        entry = entries.get(name, ClassEntry(name, None, "There are no results of it."))
         if isinstance(row.ending, GraderError):
-            entry = ClassEntry(source.name, None, row.ending.problem)
-        entries[source.name] = replace(
-            entry,
-            # The record has the facts of the archive.
-            submitted_at=source.submitted_at or entry.submitted_at,
-            time_source=source.time_source if source.submitted_at else entry.time_source,
-            student_id=source.student_id or entry.student_id,
-            identity=source.identity.completed(entry.identity),
-        )
+            entry = ClassEntry(name, None, row.ending.problem)
+        # The record has the facts of the archive.
+        if source.submitted_at is not None:
+            entry = replace(entry, submitted_at=source.submitted_at, time_source=source.time_source)
+        student_id = source.student_id or entry.student_id
+        identity = source.identity.completed(entry.identity)
+        entries[name] = replace(entry, student_id=student_id, identity=identity)
     return sorted(entries.values(), key=lambda entry: entry.name)

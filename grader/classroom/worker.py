@@ -96,9 +96,8 @@ class Here(ExitStack):
         async with self._room:
             ending = await self._grade(job, on_progress)
             if isinstance(ending, ProcessLostError):
-                on_progress(
-                    Progress("", "begins again, since a process of the grader's was killed")
-                )
+                again = Progress("", "begins again, since a process of the grader's was killed")
+                on_progress(again)
                 ending = await self._grade(job, on_progress)
             return ending, self._isolation.level
 
@@ -174,7 +173,9 @@ async def _end(process: int, said: asyncio.StreamReader) -> None:
     """Ask the process to end if it has not, and see that it does."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with suppress(asyncio.TimeoutError, ProcessLookupError):
-            process = process or int(await within(said.readline(), _END_S) or 0)
+            if not process:
+                line = await within(said.readline(), _END_S)
+                process = int(line or 0)
             if process and not said.at_eof():
                 os.kill(process, number)
                 await within(said.read(), _END_S)
