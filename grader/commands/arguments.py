@@ -36,6 +36,11 @@ def parser_of(command: str, description: str, epilog: str = "") -> argparse.Argu
     return Parser(prog=command, description=description, epilog=epilog, formatter_class=form)
 
 
+def as_sentence(words: str) -> str:
+    """Write words as a sentence: "list the checks" becomes "List the checks."."""
+    return f"{words[:1].upper()}{words[1:]}."
+
+
 def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = "FILE") -> None:
     """Add an option that names a file or a folder."""
     parser.add_argument(option, type=Path, metavar=metavar, help=words)

@@ -15,7 +15,7 @@ from rich.console import Console
 from grader.commands.arguments import add_flag, add_path, each, parser_of, print_note
 from grader.errors import RecordingError
 from grader.report.escape import terminal_text
-from grader.report.exports import CLASS_EXPORTS, EXPORTS, ClassExport, Export
+from grader.report.exports import CLASS_EXPORTS, EXPORTS, Forms
 from grader.report.exports.writing import (
     FORMS,
     STANDARD_OUTPUT,
@@ -42,7 +42,7 @@ example:
 def add_exports(
     parser: argparse.ArgumentParser,
     option: str,
-    forms: Mapping[str, Export | ClassExport] = EXPORTS,
+    forms: Forms = EXPORTS,
 ) -> None:
     """Add the option that chooses exports, and `--path-prefix`."""
     parser.add_argument(
@@ -72,7 +72,7 @@ def _below_here(text: str) -> str:
     return text
 
 
-def _target(text: str, forms: Mapping[str, Export | ClassExport] = FORMS) -> ExportTarget:
+def _target(text: str, forms: Forms = FORMS) -> ExportTarget:
     try:
         return ExportTarget.parse(text, forms)
     except ValueError as problem:
@@ -88,7 +88,7 @@ def _address(text: str) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    forms: dict[str, Mapping[str, Export | ClassExport]] = {
+    forms: dict[str, Forms] = {
         "forms of a submission": EXPORTS,
         "forms of a class": CLASS_EXPORTS,
     }
@@ -124,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _list_of(title: str, forms: Mapping[str, Export | ClassExport]) -> str:
+def _list_of(title: str, forms: Forms) -> str:
     """List forms for the help, with a line each, e.g. `  junit  JUnit XML (junit.xml)`."""
     lines = [f"{title} (and their files):"]
     for form in forms.values():

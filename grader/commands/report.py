@@ -109,12 +109,12 @@ def report_class(
     from grader.submission.roster import read_class_list
 
     listed = _class_list(results, entries, class_list)
-    if listed is None:
-        entries = entries
-    else:
+    if listed is not None:
         entries = with_roster(entries, read_class_list(listed))
     entries = in_zone(entries, rubric.policy)
-    summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
+    if anonymous:
+        entries = under_pseudonyms(entries, rubric)
+    summary = summarise(entries, rubric)
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)
     similarity = None if anonymous else read_similarity(results)
