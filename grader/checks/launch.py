@@ -190,9 +190,7 @@ def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
     owner = max(owners, key=lambda package: len(package.path), default=None)
     if owner is None or owner.shared is None:
         return None
-    if path in owner.shared.values():
-        return None
-    return owner
+    return None if path in owner.shared.values() else owner
 
 
 def _excuse(context: Context, noted: Repair) -> str:

@@ -654,12 +654,10 @@ def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
 def _look_up_field(
     scope: Scope, topic: str, path: str, kind: str, fits: Callable[[str], bool]
 ) -> None:
-    found = []
-    for name in sorted(scope.types.get(topic, ())):
-        spelled = _type_at(name, path)
-        if spelled is None or fits(spelled):
-            return
-        found.append(spelled)
+    found = [_type_at(name, path) for name in sorted(scope.types.get(topic, ()))]
+    known = [spelled for spelled in found if spelled is not None]
+    if len(known) < len(found) or any(map(fits, known)):
+        return
     if found:
         raise ValueError(f"{path!r} of {topic} is a {found[0]}; it must hold {kind}")
 

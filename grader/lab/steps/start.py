@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from grader.lab import references as ref
 from grader.lab.lab_code import Settings
 from grader.lab.steps.base import Step, StepResult
-from grader.lab.yaml_with_lines import Fault, mistakes_at
+from grader.lab.yaml_with_lines import mistakes_at
 
 
 @dataclass
@@ -22,6 +22,8 @@ class StartResult(StepResult):
 
     started: bool | None = None
     processes: list[str] | None = None
+    #: Omitted prefixes of command lines, by process of a launch plan.
+    without_prefix: dict[str, str] | None = None
     artifact: str | None = None
 
     def note(self) -> str:
@@ -67,10 +69,12 @@ class StartStep(Step):
             ("name", "parameters", "remappings", "composed", "if_ended"), "student"
         )
         owners["with_"] = "reference"
-        useless: list[Fault] = []
-        for key in self.model_fields_set & owners.keys():
-            if getattr(self, owners[key]) is None:
-                useless.append(((key.rstrip("_"),), f"only a {owners[key]} takes it"))
-        if useless:
-            raise mistakes_at(useless)
+        if useless := [
+            key
+            for key in self.model_fields_set & owners.keys()
+            if getattr(self, owners[key]) is None
+        ]:
+            raise mistakes_at(
+                ((key.rstrip("_"),), f"only a {owners[key]} takes it") for key in useless
+            )
         return self
