@@ -109,7 +109,9 @@ def in_processes(
         return
     waiting = list(works.items())[::-1]
     running: dict[K, _Child] = {}
-    most = at_a_time or len(os.sched_getaffinity(0))
+    most = at_a_time
+    if not most:
+        most = len(os.sched_getaffinity(0))
     try:
         while waiting or running:
             while waiting and len(running) < most:
