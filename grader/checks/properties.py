@@ -165,11 +165,10 @@ def _judged(
     """
     topic = next(iter(p.signals.values())).topic
     at_s, here = moment(context, topic, worst_ns)
-    shown = []
-    for name, values in signals.items():
-        shown.append(f"{name} = {values[found.worst]:.4g}")
+    each = [f"{name} = {values[found.worst]:.4g}" for name, values in signals.items()]
+    shown = ", ".join(each)
     measured = "holds" if found.value > 0 else "missed"
-    measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {', '.join(shown)}"
+    measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {shown}"
     where = (context.location(topic, here),)
     share = _share(p, found.value)
     if share == 1.0 and found.never:
