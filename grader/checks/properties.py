@@ -165,8 +165,7 @@ def _judged(
     """
     topic = next(iter(p.signals.values())).topic
     at_s, here = moment(context, topic, worst_ns)
-    each = [f"{name} = {values[found.worst]:.4g}" for name, values in signals.items()]
-    shown = ", ".join(each)
+    shown = _values_at(signals, found.worst)
     measured = "holds" if found.value > 0 else "missed"
     measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {shown}"
     where = (context.location(topic, here),)
@@ -182,6 +181,12 @@ def _judged(
     reason = f"The property does not hold at {at_s:.2f} s: {shown}."
     doubt = cpu_delay_doubt(delay_s, about.duration_s)
     return graded(share, p.property, measured, reason, where=where, best=best, doubt=doubt)
+
+
+def _values_at(signals: Mapping[str, Floats], place: int) -> str:
+    """Write the values of all signals at a step: `near = 0.4, v = 0.3`."""
+    values = [f"{name} = {signal[place]:.4g}" for name, signal in signals.items()]
+    return ", ".join(values)
 
 
 def _share(p: SignalProperty, robustness: float) -> float:
