@@ -346,7 +346,7 @@ def _too_few_messages(context: Context, p: TopicRate, span: Span | None) -> Find
         count = int(inside.sum())
     reason = f"Only {count} messages arrived, too few to measure a rate."
     where = _rate_locations(context, p, span, _timers(context))
-    return failed(_expected_rate(p), f"{count} messages", reason, where=where)
+    return unexplained(failed(_expected_rate(p), f"{count} messages", reason, where=where))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,11 @@ from dataclasses import replace
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.text.syntax import normalise, tree_of
 
+#: Kind of the cause of a program that speaks in another ROS domain.
+OTHER_DOMAIN = "other-domain"
 _DOMAIN = "ROS_DOMAIN_ID"
+#: The domain of programs without a choice.
+_USUAL = "0"
 #: Arguments that name a domain.
 _KEYWORDS = ("domain_id", _DOMAIN)
 #: Longest text of a value that is quoted.
@@ -38,7 +42,7 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
         remedy = (
             f"Leave the domain to the terminal: take {_DOMAIN} or domain_id out of the program."
         )
-        return Diagnosis("other-domain", problem, remedy, path, line, subject=value)
+        return Diagnosis(OTHER_DOMAIN, problem, remedy, path, line, subject=value)
     sleep = _sleep_without_spin(tree)
     if sleep is None:
         return None
@@ -55,16 +59,21 @@ def _domains(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Yield the line and the value of each ROS domain that a program sets."""
     for node in ast.walk(tree):
         for value in _values(node):
-            yield value.lineno, ast.unparse(value).strip("'\"")[:_QUOTED]
+            text = ast.unparse(value).strip("'\"")[:_QUOTED]
+            if text != _USUAL:
+                yield value.lineno, text
 
 
 def _values(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the ROS domains that a statement or a call sets; None is the default."""
+    """Yield the ROS domains that a statement or a call sets; None is the default.
+
+    `setdefault` sets none, because a session gives each program its domain.
+    """
     match node:
         case ast.Assign(targets=[ast.Subscript(slice=ast.Constant(value=name))], value=value):
             if name == _DOMAIN:
                 yield value
-        case ast.Call(func=ast.Attribute(attr="setdefault" | "putenv"), args=[name, value]):
+        case ast.Call(func=ast.Attribute(attr="putenv"), args=[name, value]):
             if ast.unparse(name) == repr(_DOMAIN):
                 yield value
         case ast.Call(keywords=keywords):

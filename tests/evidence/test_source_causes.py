@@ -14,7 +14,7 @@ HEAD = "import os, time\nimport rclpy\n"
     ("statement", "value"),
     [
         ("os.environ['ROS_DOMAIN_ID'] = '30'", "30"),
-        ("os.environ.setdefault('ROS_DOMAIN_ID', str(bench))", "str(bench)"),
+        ("os.environ['ROS_DOMAIN_ID'] = str(bench)", "str(bench)"),
         ("os.putenv('ROS_DOMAIN_ID', '7')", "7"),
         ("os.environ.update(ROS_DOMAIN_ID='8')", "8"),
         ("rclpy.init(args=args, domain_id=42)", "42"),
@@ -30,16 +30,22 @@ def test_a_domain_in_the_source_is_named_with_its_line(statement: str, value: st
 
 @pytest.mark.parametrize(
     "statement",
-    ["rclpy.init(args=args, domain_id=None)", "print(os.environ['ROS_DOMAIN_ID'])", "rclpy.init("],
+    [
+        "rclpy.init(args=args, domain_id=None)",
+        "rclpy.init(args=args, domain_id=0)",
+        "os.environ.setdefault('ROS_DOMAIN_ID', '30')",
+        "print(os.environ['ROS_DOMAIN_ID'])",
+        "rclpy.init(",
+    ],
 )
 def test_a_domain_that_is_only_read_is_no_cause(statement: str) -> None:
-    """Reading the variable, and a default, leave the program in the session's domain."""
+    """Reading the variable, the usual domain, and a value for want of another, leave the program in the session's domain."""
     assert silent_cause("talk.py", HEAD + statement) is None
 
 
 def test_a_program_in_the_graph_is_in_the_domain_of_the_session() -> None:
     """A node that the session saw cannot speak in another domain, whatever its source sets."""
-    text = f"{HEAD}os.environ['ROS_DOMAIN_ID'] = '0'"
+    text = f"{HEAD}os.environ['ROS_DOMAIN_ID'] = '30'"
     assert silent_cause("talk.py", text, is_in_graph=True) is None
 
 
