@@ -123,7 +123,7 @@ class Context:
         found = explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
         if found is None or found.file is None:
             return found
-        return corrected(found, self.submission.texts.get(found.file, ""))
+        return corrected(found, self.submission.texts)
 
     def diagnosis(self, artifact: str) -> Diagnosis | None:
         """Explain why one of an artifact's processes ended or misbehaved."""

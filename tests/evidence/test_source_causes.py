@@ -82,9 +82,56 @@ def test_an_overwritten_attribute_is_the_cause_of_an_undeclared_parameter() -> N
     """The declaration is there: advice to declare the parameter would be wrong."""
     found = Diagnosis("parameter-not-declared", "The parameter is used.", "Declare it.", "a.py", 9)
     text = "class A(Node):\n    def __init__(self):\n        self._parameters = {}\n"
-    cause = corrected(found, text)
+    cause = corrected(found, {"a.py": text})
     assert (cause.kind, cause.line) == ("overwritten-attribute", 3)
-    assert corrected(found, text.replace("_parameters", "_mine")) is found
+    assert corrected(found, {"a.py": text.replace("_parameters", "_mine")}) is found
+
+
+ENDS = """
+class Mode(Node):
+    def __init__(self):
+        self.create_service(SetBool, '/enable', self.on_request)
+
+    def other(self):
+        pass
+
+    def on_request(self, request, response):
+        response.success = True
+        {last}
+"""
+SPINS = Diagnosis("no-response", "It returns no response.", "Return it.", "it.py", 40)
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        "response.message = 'on'",
+        "return",
+        "if request.data:\n            return response",
+        "try:\n            return response\n        except ValueError:\n            pass",
+    ],
+)
+@pytest.mark.parametrize("path", ["it.py", "parts/node.py"])
+def test_a_callback_without_return_is_marked_at_its_end(last: str, path: str) -> None:
+    """The traceback shows the line of spin; the callback can stand in another file."""
+    text = ENDS.format(last=last)
+    found = corrected(SPINS, {path: text, "it.py": text if path == "it.py" else "spin()"})
+    assert (found.file, found.line, found.subject) == (path, text.count("\n"), "on_request")
+    assert found.problem == "on_request() ends here without `return response`."
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        "return response",
+        "raise ValueError",
+        "if request.data:\n            return response\n        else:\n            return None or response",
+        "with self.lock:\n            return response",
+    ],
+)
+def test_a_callback_that_returns_is_not_marked(last: str) -> None:
+    """Another program of the same kind may be the cause."""
+    assert corrected(SPINS, {"it.py": ENDS.format(last=last)}) is SPINS
 
 
 @pytest.mark.parametrize(
