@@ -226,12 +226,17 @@ def graded(
             settled = graded(
                 float(low if is_uneven else high), expected, measured, reason, where=where
             )
-        cause = doubt or _MEASUREMENT_ERROR
+        cause = f"{doubt or _MEASUREMENT_ERROR} {_between(low, high)}"
         return inconclusive(expected, measured, cause, where=where, settled=settled)
     if low >= _AS_GOOD_AS_FULL:
         return passed(expected, measured, where=where, notes=notes)
     outcome = Outcome.PARTIAL if low > 0 else Outcome.FAILED
     return Finding(outcome, low, expected, measured, reason, hint, tuple(where), tuple(notes))
+
+
+def _between(low: Decimal, high: Decimal) -> str:
+    """Say between which two credits an undecided check lies."""
+    return f"It earns at least {low:.0%} and at most {high:.0%} of the points."
 
 
 def _leveled(share: float, levels: int) -> Decimal:
@@ -467,8 +472,14 @@ def percent(share: float) -> str:
 MANY_DELAYS = 0.25
 
 
+#: Shortest delay, in s, that is given as a cause; two decimal places show it.
+_LEAST_DELAY_S = 0.005
+
+
 def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
-    """Say that the delay of the machine may be the cause of a fault."""
+    """Say that the delay of the machine may be the cause of a fault; empty for a delay too short to be shown."""
+    if delay_s < _LEAST_DELAY_S:
+        return ""
     return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."
 
 

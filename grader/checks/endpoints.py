@@ -176,8 +176,15 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
         measured += f", depth {asked.depth} in the source"
     share = 1 - len(wrong) / max(1, len(wanted))
     where = (*claimed_at(claim), context.location(p.topic))
-    notes = _depth_notes(p, asked)
-    finding = graded(share, expected, measured, " ".join(wrong), where=where, notes=notes)
+    finding = graded(
+        share,
+        expected,
+        measured,
+        " ".join(wrong),
+        hint=_profile_hint(qos, wanted, claim),
+        where=where,
+        notes=_depth_notes(p, asked),
+    )
     if wrong and kind == "subscription" and unheard(context, p.topic) is not None:
         return cut_off(finding)
     return finding
@@ -213,6 +220,17 @@ def _other_policies(qos: Qos, wanted: Mapping[str, str]) -> list[str]:
         if got != value:
             others.append(f"{got.upper()} {name}, not {value.upper()}")
     return others
+
+
+def _profile_hint(qos: Qos, wanted: Mapping[str, str], claim: Claim | None) -> str:
+    """Return the arguments of the profile that mend it, for a call whose line is known; else the rubric has a hint."""
+    if claim is None or claim.file.startswith("/"):
+        return ""
+    arguments = []
+    for name, value in wanted.items():
+        if getattr(qos, name) != value:
+            arguments.append(f"{name}={name.capitalize()}Policy.{value.upper()}")
+    return f"In line {claim.line}, pass a QoSProfile with {' and '.join(arguments)}."
 
 
 def _depth_notes(p: QosWanted, asked: Qos | None) -> list[str]:

@@ -15,6 +15,7 @@ from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap as missing_here
 from grader.evidence.recorded import clock_step_s
 from grader.evidence.source_causes import OTHER_DOMAIN, silent_cause
+from grader.evidence.text.starter import untouched
 from grader.lab.references import Sought
 from grader.recording.session import Claim, ProcessRun
 from grader.result import Finding, Location, Outcome
@@ -71,7 +72,7 @@ def artifact_of(context: Context, p: Any) -> str | None:
 
 
 def explained(measurement: Measurement) -> Finding | None:
-    """Give the crash, the early end or the limit of the program as the reason if nothing came from it."""
+    """Give the crash, the end, the limit or the hang of the program as the reason if nothing came from it."""
     finding = measurement.found
     if not finding.unexplained:
         return None
@@ -154,6 +155,11 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     run = runs[-1]
     if run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
         return None
+    path = context.path_of(artifact) or ""
+    why = untouched(context.submission.texts.get(path, ""), context.submission.given_texts.values())
+    if why:
+        hint = "Add the parts that the handout leaves to you."
+        return f"{path} {why}: it ends without doing anything.", hint, (Location(file=path),)
     after_s = (run.exited_ns - run.started_ns) / 1e9
     if run.exit_status == 0:
         how = f" (exit status 0 after {after_s:.1f} s, no error)"
@@ -244,7 +250,7 @@ def _ends_alike(context: Context, run: ProcessRun, found: Diagnosis) -> bool:
 def unseen_endpoint(measurement: Measurement) -> Finding | None:
     """Leave the check undecided if a running program asked for an endpoint that the graph never showed.
 
-    Either discovery failed, or the program forged its request.
+    Either discovery failed, or the program forged its request. Another ROS domain in the source is cause enough.
     """
     context = measurement.context
     artifact = artifact_of(context, measurement.p)

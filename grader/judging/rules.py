@@ -272,7 +272,10 @@ def cut_short(case: Case) -> Finding | None:
 
 
 def flaky(case: Case) -> Finding | None:
-    """Leave lost points undecided if correct programs sometimes meet the same fault, until it is seen again."""
+    """Leave lost points undecided if correct programs sometimes meet the same fault, until it is seen again.
+
+    No machine sends a program into the other ROS domain that its source sets.
+    """
     if case.recorded is None or not case.took_points:
         return None
     if in_other_domain(case, artifact_of(case.context, case.spec.parameters)):

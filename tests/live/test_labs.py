@@ -68,7 +68,7 @@ def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -
     skip_unless_built(lab)
     for _ in range(MOST_GRADINGS):
         run = grade("selftest", "--rubric", lab / "rubric.yaml", "--jobs", "1", name, cwd=tmp_path)
-        if "1 undecided: the machine was too busy" not in run.stdout:
+        if "1 undecided: " not in run.stdout:
             break
     assert run.returncode == 0, run.stdout + run.stderr
 
