@@ -53,6 +53,11 @@ class OfEndpoint(OfNode):
     other_name_costs: Share = Field(0.6, description="Share of the credit that another name costs.")
     other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
 
+    @property
+    def other_domain_costs(self) -> float:
+        """The cost of another name: in neither case do two programs of the lab connect."""
+        return self.other_name_costs
+
     def faults(
         self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
     ) -> list[tuple[float, str]]:

@@ -1001,6 +1001,11 @@ class LaunchTogether(Parameters):
     answers: TogetherAnswers | None = None
 
     @property
+    def other_domain_costs(self) -> float:
+        """All of the credit: nodes in another ROS domain do not work together with the lab's."""
+        return 1.0
+
+    @property
     def doers(self) -> tuple[_Task, ...]:
         """The parts that are asked for."""
         tasks = (self.commands, self.follows, self.answers)

@@ -6,17 +6,12 @@ The source explains a finding in words; it never decides one.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.session_variables import DOMAIN, LEAVE_DOMAIN, set_in
 from grader.evidence.text.syntax import normalise, tree_of
-
-_DOMAIN = "ROS_DOMAIN_ID"
-#: Arguments that name a domain.
-_KEYWORDS = ("domain_id", _DOMAIN)
-#: Longest text of a value that is quoted.
-_QUOTED = 40
 
 
 def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis | None:
@@ -32,12 +27,10 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
     tree = tree_of(normalise(text))
     if tree is None:
         return None
-    domains = [] if is_in_graph else list(_domains(tree))
+    domains = [] if is_in_graph else list(set_in(tree, DOMAIN))
     for line, value in domains:
         problem = f"The program speaks in ROS domain {value}, and the nodes of this session in another one."
-        remedy = (
-            f"Leave the domain to the terminal: take {_DOMAIN} or domain_id out of the program."
-        )
+        remedy = LEAVE_DOMAIN
         return Diagnosis("other-domain", problem, remedy, path, line, subject=value)
     sleep = _sleep_without_spin(tree)
     if sleep is None:
@@ -49,28 +42,6 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
         "Do the work in a timer and call rclpy.spin(node), or spin in a thread beside the loop."
     )
     return Diagnosis("rate-without-spin", problem, remedy, path, sleep)
-
-
-def _domains(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield the line and the value of each ROS domain that a program sets."""
-    for node in ast.walk(tree):
-        for value in _values(node):
-            yield value.lineno, ast.unparse(value).strip("'\"")[:_QUOTED]
-
-
-def _values(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the ROS domains that a statement or a call sets; None is the default."""
-    match node:
-        case ast.Assign(targets=[ast.Subscript(slice=ast.Constant(value=name))], value=value):
-            if name == _DOMAIN:
-                yield value
-        case ast.Call(func=ast.Attribute(attr="setdefault" | "putenv"), args=[name, value]):
-            if ast.unparse(name) == repr(_DOMAIN):
-                yield value
-        case ast.Call(keywords=keywords):
-            for keyword in keywords:
-                if keyword.arg in _KEYWORDS and ast.unparse(keyword.value) != "None":
-                    yield keyword.value
 
 
 def _sleep_without_spin(tree: ast.Module) -> int | None:

@@ -24,11 +24,12 @@ from grader.evidence.gaps import (
     unread,
 )
 from grader.evidence.recorded import Recorded
+from grader.evidence.session_variables import LEAVE_DOMAIN, Asked, asked_in
 from grader.judging.invalidated import Referents, not_measurable, referents, without_rest
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.session import RecordingGap
-from grader.result import Finding, Outcome, Violation
+from grader.result import Finding, Location, Outcome, Violation
 
 #: Reason of a session that judging leaves out.
 TOO_LARGE = (
@@ -276,6 +277,42 @@ def flaky(case: Case) -> Finding | None:
 # -- consequences of other checks ------------------------------------------------------------------
 
 
+def other_domain(case: Case) -> Finding | None:
+    """Charge a ROS domain of the program's own like another name of an endpoint; the rest is judged in the session's."""
+    costs = getattr(case.spec.parameters, "other_domain_costs", 0.0)
+    if not case.found.credit:
+        return None
+    if not costs:
+        return None
+    asked = _other_domain_of(case)
+    if asked is None:
+        return None
+    says = f"{asked.place} chooses the ROS domain {asked.value}. No program of the lab is there."
+    judged = f"{says} To judge the rest, the program ran in the domain of the session."
+    charged = replace(
+        case.found,
+        outcome=Outcome.FAILED,
+        credit=max(Decimal(0), case.found.credit - Decimal(str(costs))),
+        reason=f"{judged} {case.found.reason}".strip(),
+        hint=LEAVE_DOMAIN,
+        where=(Location(file=asked.file, line=asked.line), *case.found.where),
+    )
+    if charged.credit:
+        charged = replace(charged, outcome=Outcome.PARTIAL)
+    return case.context.charge(charged, f"domain of {asked.file}")
+
+
+def _other_domain_of(case: Case) -> Asked | None:
+    """Return the first ROS domain of their own in the programs of a check; None if there is none."""
+    if case.recorded is None:
+        return None
+    artifact = getattr(case.spec.parameters, "artifact", None)
+    for asked in asked_in(case.recorded, case.context.submission, artifact):
+        if asked.is_other_domain:
+            return asked
+    return None
+
+
 def repaired(case: Case) -> Finding | None:
     """Give a share of the credit if a required file failed and was repaired on a copy."""
     finding = case.found
@@ -326,7 +363,7 @@ RECORDING: Sequence[Rule] = (
     flaky,
 )
 #: Rules about other checks, also without a measurement.
-CONSEQUENCES: Sequence[Rule] = (repaired, excused)
+CONSEQUENCES: Sequence[Rule] = (other_domain, repaired, excused)
 #: All rules in their order; `docs/judging.md` lists them.
 RULES = (*BEFORE, missing_file, check_measured, *DOUBTS, *RECORDING, *CONSEQUENCES)
 

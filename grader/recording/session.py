@@ -195,6 +195,8 @@ class StepRun:
 
 #: Kind of a claim about a use of ROS 2 that only a newer one knows, and that was made to work.
 NEWER_IDIOM = "newer_idiom"
+#: Kind of a claim about another value of a session's variable, such as ROS_DOMAIN_ID.
+SESSION_VARIABLE = "session_variable"
 
 
 @dataclass
@@ -202,8 +204,8 @@ class Claim:
     """A note of the tap in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
-    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node", or
-    #: NEWER_IDIOM.
+    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node",
+    #: NEWER_IDIOM, or SESSION_VARIABLE.
     kind: str
     #: As given in the call (not expanded); period in seconds for a timer.
     name: str

@@ -22,6 +22,8 @@ class StartResult(StepResult):
 
     started: bool | None = None
     processes: list[str] | None = None
+    #: Omitted prefixes of command lines, by process of a launch plan.
+    without_prefix: dict[str, str] | None = None
     artifact: str | None = None
 
     def note(self) -> str:
