@@ -25,6 +25,8 @@ from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.lab.steps.wait_for import WaitForResult
+from grader.live.builds.build import can_build
+from grader.live.builds.colcon import lacking_builder
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.probing import probe_isolation
@@ -73,6 +75,7 @@ def examine(interpreter: Path) -> Iterator[Status]:
     yield _noise()
     yield _space()
     yield _toolchain()
+    yield _builder(isolation)
     if platform_status.verdict is Verdict.PASS:
         yield from _traffic(interpreter)
 
@@ -180,6 +183,22 @@ def _toolchain() -> Status:
         else "a compiler and rosidl are here, for labs and students with .msg files"
     )
     return _status(not lacks, "interfaces of one's own", found, remedy)
+
+
+def _builder(isolation: Isolation) -> Status:
+    """Examine whether the packages of students can be built."""
+    if can_build(isolation):
+        found = "colcon and a sandbox are here, for packages of students"
+        return Status(Verdict.PASS, "packages", found)
+    lacks = lacking_builder()
+    if lacks:
+        found = f"not here: {lacks}"
+        remedy = "pip install colcon-core colcon-ros 'setuptools<80'"
+    else:
+        found = "the sandbox here has no namespaces, in which colcon would be confined"
+        remedy = "Install bubblewrap, and run as root or with user namespaces"
+    remedy += "; until then, setup.py and CMakeLists.txt are read without being run."
+    return Status(Verdict.WARNING, "packages", found, remedy)
 
 
 def _traffic(interpreter: Path) -> Iterator[Status]:

@@ -109,6 +109,12 @@ class LabSpec(Parameters):
         None,
         description="Distribution of ROS that the handout was written for; the report names it.",
     )
+    build_timeout_s: float = Field(
+        90.0,
+        gt=0,
+        le=100,
+        description="Time for `colcon build` of a submission's packages; what takes longer is undecided.",
+    )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
     handout: str | None = Field(
         None,
