@@ -12,6 +12,7 @@ from typing import Any
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import explain
+from grader.evidence.crash.hang import hang_of
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
 from grader.evidence.source_causes import corrected
@@ -122,7 +123,7 @@ class Context:
         found = explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
         if found is None or found.file is None:
             return found
-        return corrected(found, self.submission.texts.get(found.file, ""))
+        return corrected(found, self.submission.texts)
 
     def diagnosis(self, artifact: str) -> Diagnosis | None:
         """Explain why one of an artifact's processes ended or misbehaved."""
@@ -133,6 +134,13 @@ class Context:
             if found is not None:
                 return found
         return None
+
+    def hang(self, artifact: str) -> Diagnosis | None:
+        """Return where an artifact's program hangs; None if its stacks do not show that."""
+        if self.recorded is None:
+            return None
+        stacks = [stack for stack in self.recorded.record.stacks if stack.process == artifact]
+        return hang_of(stacks, [f.path for f in self.submission.files], self.submission.texts)
 
     def parameter(self, step: str | None, name: str | None) -> Any:
         """Return the value of a parameter as a step read it in the running node; None if it did not."""

@@ -8,13 +8,13 @@ from typing import Any
 
 from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
-from grader.checks.situation import Measurement
+from grader.checks.situation import Measurement, Situation
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap as missing_here
 from grader.evidence.recorded import clock_step_s
-from grader.evidence.source_causes import silent_cause
+from grader.evidence.source_causes import OTHER_DOMAIN, silent_cause
 from grader.lab.references import Sought
 from grader.recording.session import Claim, ProcessRun
 from grader.result import Finding, Location, Outcome
@@ -75,8 +75,11 @@ def explained(measurement: Measurement) -> Finding | None:
     finding = measurement.found
     if not finding.unexplained:
         return None
-    artifact = artifact_of(measurement.context, measurement.p)
-    explanation = why_nothing(measurement.context, artifact) if artifact else None
+    context = measurement.context
+    artifact = artifact_of(context, measurement.p)
+    if artifact is None:
+        return None
+    explanation = _explanation(context, artifact, finding)
     if explanation is None:
         return None
     reason, hint, places = explanation
@@ -85,8 +88,20 @@ def explained(measurement: Measurement) -> Finding | None:
     return replace(finding, reason=reason, hint=hint or finding.hint, where=where)
 
 
-def why_nothing(context: Context, artifact: str) -> Explanation | None:
-    """Explain why an artifact's process did not show the expected behaviour; None if it went on."""
+def _explanation(context: Context, artifact: str, finding: Finding) -> Explanation | None:
+    """Explain a finding by the end of a program, or add why a program that goes on is silent."""
+    ended = why_ended(context, artifact)
+    if ended is not None:
+        return ended
+    silent = why_silent(context, artifact)
+    if silent is None:
+        return None
+    cause, remedy, places = silent
+    return f"{finding.reason} {cause}".strip(), remedy, places
+
+
+def why_ended(context: Context, artifact: str) -> Explanation | None:
+    """Explain the crash, the end or the limit of an artifact's process; None if it went on."""
     output = context.output_of(artifact)
     processes = context.session.processes_of(artifact)
     found = context.diagnosis(artifact)
@@ -98,18 +113,37 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
     if found is not None:
         where = Location(file=found.file, line=found.line) if found.file else output
         return describe_diagnosis(found), found.remedy, (where,)
-    return _ended_already(context, artifact) or _silent(context, artifact)
+    return _ended_already(context, artifact)
 
 
-def _silent(context: Context, artifact: str) -> Explanation | None:
-    """Explain by its source why a program that went on showed nothing; None if the source does not tell."""
+def why_silent(context: Context, artifact: str) -> Explanation | None:
+    """Explain by its stacks or its source why a program that went on showed nothing; None if neither tells."""
+    found = context.hang(artifact) or _source_cause(context, artifact)
+    if found is None:
+        return None
+    return found.problem, found.remedy, (Location(file=found.file, line=found.line),)
+
+
+def _source_cause(context: Context, artifact: str) -> Diagnosis | None:
     path = context.path_of(artifact) or ""
     theirs = set(context.session.nodes) - context.reference_nodes
     text = context.submission.texts.get(path, "")
-    found = silent_cause(path, text, is_in_graph=bool(theirs))
-    if found is None:
-        return None
-    return found.problem, found.remedy, (Location(file=path, line=found.line),)
+    return silent_cause(path, text, is_in_graph=bool(theirs))
+
+
+def in_other_domain(measurement: Situation, artifact: str | None) -> bool:
+    """Tell whether the source of a program that is not in the graph sets another ROS domain.
+
+    Neither a busy machine nor a failed discovery is then the cause.
+    """
+    context = measurement.context
+    if artifact is None or context.recorded is None:
+        return False
+    found = _source_cause(context, artifact)
+    if found is None or found.kind != OTHER_DOMAIN:
+        return False
+    # A value that the program computes may be the session's domain after all.
+    return found.subject.isdecimal()
 
 
 def _ended_already(context: Context, artifact: str) -> Explanation | None:
@@ -212,9 +246,10 @@ def unseen_endpoint(measurement: Measurement) -> Finding | None:
 
     Either discovery failed, or the program forged its request.
     """
-    if not measurement.took_points:
-        return None
     context = measurement.context
+    artifact = artifact_of(context, measurement.p)
+    if not measurement.took_points or in_other_domain(measurement, artifact):
+        return None
     for sought in measurement.p.sought():
         used = context.session.used(sought.name)
         if _is_in_graph(context, sought.kind, used):

@@ -50,6 +50,10 @@ class TopicPublished(OfEndpoint):
     artifact: ref.Artifact
     topic: ref.RosName
     type: ref.MessageType
+    silent_credit: Share = Field(
+        0.5,
+        description="Credit of a program that goes on, with a publisher from which no message comes.",
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the publisher."""
@@ -74,7 +78,7 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     # One right type does not make up for a wrong one.
     found_type = _first_other(types, p.type)
     if not count:
-        return _never_sent(context, expected, used, found_type)
+        return _never_sent(context, p, expected, endpoints)
     measured = f"{count} messages of type {found_type} on {used}"
     if _was_cut_short(context, used):
         measured = f"at least {measured}"
@@ -115,11 +119,28 @@ def _first_other(types: Sequence[str], wanted: str) -> str:
     return wanted
 
 
-def _never_sent(context: Context, expected: str, used: str, found_type: str) -> Finding:
-    """State that a publisher exists and sent nothing."""
-    reason = f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
-    measured = f"{found_type} on {used}, 0 messages"
-    return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
+def _never_sent(
+    context: Context, p: TopicPublished, expected: str, endpoints: Sequence[Endpoint]
+) -> Finding:
+    """State that a publisher is in the graph, and that no message came from it."""
+    used = context.session.used(p.topic)
+    found_type = _first_other([endpoint.type for endpoint in endpoints], p.type)
+    reason = (
+        f"There is a publisher on {used}, and no message came from it.{_by_timer(_timers(context))}"
+    )
+    measured = f"a publisher of type {found_type} on {used}, 0 messages"
+    credit = 0.0 if _has_ended(context, p.artifact) else p.silent_credit
+    silent = Part(credit, measured, reason, hint=_NO_TIMER_HINT)
+    costs = _publisher_costs(context, p, endpoints, found_type)
+    return unexplained(of_parts(expected, [silent], costs=costs))
+
+
+def _has_ended(context: Context, artifact: str) -> bool:
+    """Return whether the last process of an artifact ended by itself."""
+    for run in context.session.processes_of(artifact)[-1:]:
+        if run.exited_ns is not None and run.interrupted_ns is None:
+            return run.ended_by == "itself"
+    return False
 
 
 def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> str:
@@ -346,7 +367,7 @@ def _too_few_messages(context: Context, p: TopicRate, span: Span | None) -> Find
         count = int(inside.sum())
     reason = f"Only {count} messages arrived, too few to measure a rate."
     where = _rate_locations(context, p, span, _timers(context))
-    return failed(_expected_rate(p), f"{count} messages", reason, where=where)
+    return unexplained(failed(_expected_rate(p), f"{count} messages", reason, where=where))
 
 
 @dataclass(frozen=True)
@@ -529,7 +550,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     where = (context.location(p.topic, span),)
     if timing is None or not len(timing.intervals_s):
         reason = "Too few messages arrived to measure the gaps between them."
-        return failed(expected, "too few messages", reason, where=where)
+        return unexplained(failed(expected, "too few messages", reason, where=where))
     jitter = _jitter_between(context, p, measurement, timing)
     deviation_s = min(max(timing.deviation_s(p.share), jitter.least_s), jitter.largest_s)
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)

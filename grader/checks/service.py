@@ -227,11 +227,11 @@ def _steps_before(context: Context, step: StepRun | None) -> Sequence[StepRun]:
 
 
 THEN_THESE = "Fix that, and these points can be earned too."
-_STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
+_STUCK = "The node does not answer parameter requests either."
 _UNANSWERED_HINT = "End the service callback with `return response`, and do not wait in it."
 _STUCK_HINT = (
-    "rclpy.spin(node) must be reached; and a callback that waits for an answer, as client.call() does, keeps the node "
-    "from getting it: use call_async()."
+    "rclpy.spin(node) must be reached, and each callback must return. A callback that waits for an answer, as "
+    "client.call() does, keeps the node from getting it: use call_async()."
 )
 
 

@@ -201,9 +201,12 @@ def _values(node: ast.AST, variable: str) -> Iterator[ast.expr]:
 
 
 def _sets(function: ast.expr) -> bool:
-    """Tell whether a function of two arguments sets a variable."""
+    """Tell whether a function of two arguments sets a variable.
+
+    `setdefault` sets none, because a session gives each program its values.
+    """
     called = ast.unparse(function).rpartition(".")[2]
-    return called in ("setdefault", "putenv", "SetEnvironmentVariable")
+    return called in ("putenv", "SetEnvironmentVariable")
 
 
 def _of_keywords(keywords: Iterable[ast.keyword], variable: str) -> Iterator[ast.expr]:

@@ -6,12 +6,17 @@ The source explains a finding in words; it never decides one.
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.session_variables import DOMAIN, LEAVE_DOMAIN, set_in
 from grader.evidence.text.syntax import normalise, tree_of
+
+#: Kind of the cause of a program that speaks in another ROS domain.
+OTHER_DOMAIN = "other-domain"
+#: The domain of programs without a choice.
+_USUAL = "0"
 
 
 def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis | None:
@@ -29,9 +34,11 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
         return None
     domains = [] if is_in_graph else list(set_in(tree, DOMAIN))
     for line, value in domains:
+        if value == _USUAL:
+            continue
         problem = f"The program speaks in ROS domain {value}, and the nodes of this session in another one."
         remedy = LEAVE_DOMAIN
-        return Diagnosis("other-domain", problem, remedy, path, line, subject=value)
+        return Diagnosis(OTHER_DOMAIN, problem, remedy, path, line, subject=value)
     sleep = _sleep_without_spin(tree)
     if sleep is None:
         return None
@@ -63,16 +70,87 @@ def _sleep_without_spin(tree: ast.Module) -> int | None:
     return min(sleeps, default=None) if has_rate else None
 
 
-def corrected(found: Diagnosis, text: str) -> Diagnosis:
-    """Return the cause of a crash, by the source of its file: an attribute of rclpy's Node may have been overwritten."""
-    if found.kind != "parameter-not-declared":
-        return found
+def corrected(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
+    """Return the cause of a crash by the source, where the traceback names another line or cause.
+
+    An attribute of rclpy's Node may have been overwritten. A callback without `return` fails in rclpy, after its end.
+    """
+    if found.kind == "parameter-not-declared":
+        return _by_overwritten(found, texts.get(found.file or "", ""))
+    if found.kind == "no-response":
+        return _by_callback(found, texts)
+    return found
+
+
+def _by_overwritten(found: Diagnosis, text: str) -> Diagnosis:
     line = _overwrites(text, "_parameters")
     if line is None:
         return found
     problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters, so that none is declared."
     remedy = "Give the attribute another name, for instance self._my_parameters."
     return replace(found, kind="overwritten-attribute", problem=problem, remedy=remedy, line=line)
+
+
+def _by_callback(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
+    """Return the end of the first service callback that can end without a response; the node's own file comes first."""
+    own = found.file or ""
+    for path in (own, *sorted(set(texts) - {own})):
+        callback = _without_response(texts.get(path, ""))
+        if callback is not None:
+            name, line = callback
+            problem = f"{name}() ends here without `return response`."
+            return replace(found, problem=problem, file=path, line=line, subject=name)
+    return found
+
+
+def _without_response(text: str) -> tuple[str, int] | None:
+    """Return the first service callback that can end without a value, and its last line; None without one."""
+    tree = tree_of(normalise(text)) if "create_service" in text else None
+    if tree is None:
+        return None
+    callbacks: set[str] = set()
+    for node in ast.walk(tree):
+        callbacks |= _service_callbacks(node)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.name in callbacks and not _gives(node.body):
+            return node.name, node.body[-1].end_lineno or node.lineno
+    return None
+
+
+def _service_callbacks(node: ast.AST) -> set[str]:
+    """Return the name of the function that a call of `create_service` gets; empty for another node."""
+    if not isinstance(node, ast.Call) or not ast.unparse(node.func).endswith("create_service"):
+        return set()
+    given = list(node.args[2:3])
+    for keyword in node.keywords:
+        if keyword.arg == "callback":
+            given.append(keyword.value)
+    return {ast.unparse(each).rpartition(".")[2] for each in given}
+
+
+def _gives(body: Sequence[ast.stmt]) -> bool:
+    """Return whether statements end by returning a value or by raising, on each way through them."""
+    last = body[-1] if body else None
+    if isinstance(last, ast.Return):
+        return last.value is not None
+    if isinstance(last, (ast.Raise, ast.While)):
+        return True
+    ways = _ways(last)
+    return bool(ways) and all(map(_gives, ways))
+
+
+def _ways(statement: ast.stmt | None) -> Sequence[Sequence[ast.stmt]]:
+    """Return the blocks of a statement of which one is executed last."""
+    match statement:
+        case ast.If(body=first, orelse=other):
+            return [first, other]
+        case ast.With(body=inner):
+            return [inner]
+        case ast.Try(body=first, handlers=handlers, orelse=other):
+            return [other or first, *(handler.body for handler in handlers)]
+        case ast.Match(cases=cases):
+            return [each.body for each in cases]
+    return []
 
 
 def _overwrites(text: str, attribute: str) -> int | None:

@@ -10,7 +10,13 @@ from decimal import Decimal
 import numpy as np
 
 from grader.checks.base import inconclusive, not_reached, undecided
-from grader.checks.preconditions import DOUBTS, missing_artifact, missing_file
+from grader.checks.preconditions import (
+    DOUBTS,
+    artifact_of,
+    in_other_domain,
+    missing_artifact,
+    missing_file,
+)
 from grader.checks.registry import check_given
 from grader.checks.registry import measured as check_measured
 from grader.checks.situation import Situation, first_answer, last_answer
@@ -269,6 +275,8 @@ def cut_short(case: Case) -> Finding | None:
 def flaky(case: Case) -> Finding | None:
     """Leave lost points undecided if correct programs sometimes meet the same fault, until it is seen again."""
     if case.recorded is None or not case.took_points:
+        return None
+    if in_other_domain(case, artifact_of(case.context, case.spec.parameters)):
         return None
     reason = inconclusive_reason(case.recorded, case.context.reference_nodes)
     return undecided(case.found, reason) if reason is not None else None

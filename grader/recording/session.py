@@ -218,6 +218,29 @@ class Claim:
     value: Any = None
 
 
+@dataclass
+class StackFrame:
+    """A line of code that a thread was executing."""
+
+    #: Path relative to the submission's root, or absolute if it is outside.
+    file: str
+    line: int
+    function: str
+
+
+@dataclass
+class Stack:
+    """Stacks of a program when the grader asked for them: written by the student's process, never evidence for points."""
+
+    process: str
+    #: Time of the question; stacks with the same one show the program twice, a moment apart.
+    asked_ns: int
+    #: Frames of each thread, the innermost first.
+    threads: list[list[StackFrame]] = field(default_factory=list)
+    #: False if only main threads were asked for.
+    is_whole: bool = True
+
+
 def asked_for(endpoint: Endpoint, claims: Iterable[Claim]) -> Claim | None:
     """Return the claim of an endpoint, in any namespace; of several claims one of the endpoint's own node."""
     first = None
@@ -319,6 +342,8 @@ class SessionRecord:
     #: Name in the rubric -> the student's name, if a near miss was found and used.
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
+    #: Stacks of programs that did not answer, or that were about to be ended.
+    stacks: list[Stack] = field(default_factory=list)
     #: The plan of a launch file, see `launch_plan.plan`.
     plan: dict[str, Any] | None = None
     #: The grader's own processes in the graph. All other endpoints there are the student's.

@@ -126,9 +126,8 @@ def test_a_silent_publisher_fails_and_its_exception_is_reported(tmp_path: Path) 
         "    self.pub.publish(nothing)",
         "NameError: name 'nothing' is not defined",
     ]
-    session = (
-        Session(tmp_path).endpoint("publisher", TOPIC).process("it", lines, interrupted_ns=None)
-    )
+    session = Session(tmp_path).endpoint("publisher", TOPIC)
+    session.process("it", lines, interrupted_ns=None, ended_by="itself")
     finding = judged("topic_published", PUBLISHED, session)
     assert finding.outcome is Outcome.FAILED
     assert "NameError" in finding.reason
@@ -187,6 +186,16 @@ def test_a_silent_timer_is_reported_with_its_period(tmp_path: Path) -> None:
     finding = judged("topic_published", PUBLISHED, session)
     assert finding.reason.endswith("The timer's period is 0.01 s.")
     assert "/clock" in finding.hint
+
+
+def test_a_silent_publisher_of_a_running_program_goes_on(tmp_path: Path) -> None:
+    """Its type and QoS are in the graph; a wrong type costs the same as that of messages."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
+    finding = judged("topic_published", PUBLISHED, session)
+    assert (finding.outcome, finding.credit) == (Outcome.PARTIAL, Decimal("0.5"))
+    assert "no message came from it" in finding.reason
+    wrong = judged("topic_published", {**PUBLISHED, "type": "std_msgs/msg/Int32"}, session)
+    assert wrong.outcome is Outcome.FAILED
 
 
 def test_endpoints_of_reference_nodes_are_not_the_students(tmp_path: Path) -> None:

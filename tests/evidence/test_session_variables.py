@@ -26,7 +26,6 @@ def test_the_sessions_variables_are_told_by_their_names() -> None:
     "statement",
     [
         "os.environ['X'] = 'y'",
-        "os.environ.setdefault('X', 'y')",
         "os.environ.update({'X': 'y'})",
         "os.environ.update(X='y')",
         "SetEnvironmentVariable('X', 'y')",
@@ -37,6 +36,11 @@ def test_the_sessions_variables_are_told_by_their_names() -> None:
 def test_each_way_to_set_a_variable_is_found(statement: str) -> None:
     """The line and the value are those of the text."""
     assert list(set_in(ast.parse(f"\n{statement}"), "X")) == [(2, "y")]
+
+
+def test_a_default_sets_no_variable_of_the_session() -> None:
+    """Each session gives its programs the values of these variables."""
+    assert not list(set_in(ast.parse("os.environ.setdefault('X', 'y')"), "X"))
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,14 @@ session's own variables, such as ROS_DOMAIN_ID, which keep their values.
 Discovery carries neither history nor depth, and no lines. The tap therefore wraps a few methods of rclpy's classes when
 their modules are imported, and writes one JSON line a call to the descriptor in GRADER_TAP_FD: a claim, no evidence.
 Programs that the node's process starts, such as workers of `multiprocessing`, open the same pipe by GRADER_TAP_PIPE.
+
+Two signals make `faulthandler` write the stacks of the process to the same pipe, for the line at which a program hangs.
+This works while the program holds the interpreter's lock, waits in a library, or handles other signals itself.
 """
 
+import _signal
 import builtins
+import faulthandler
 import importlib.machinery
 import json
 import os
@@ -37,6 +42,8 @@ _LIMIT = 1000
 _SESSIONS = json.loads(os.environ.get("GRADER_SESSION_VARIABLES", "{}"))
 _PREFIXES = tuple(_SESSIONS.get("prefixes", ()))
 _VALUES = _SESSIONS.get("values", {})
+#: Signals for the stacks of all threads and of the main thread alone; `stacks.py` beside this folder sends them.
+_ALL_THREADS, _MAIN_THREAD = _signal.SIGRTMAX - 4, _signal.SIGRTMAX - 5
 _LATE = vars(builtins).copy()
 #: Message in the type of each service, six of them in a node; only introspection uses it.
 _EACH_NODES = "service_msgs.msg._service_event_info"
@@ -302,6 +309,12 @@ def _generate_py(*args, **kwargs):
     return importlib.import_module(_generator.__name__).generate_py(*args, **kwargs)
 
 
+def _answer_for_stacks():
+    """Write stacks when the grader asks for them."""
+    faulthandler.register(_ALL_THREADS, file=_FD, all_threads=True)
+    faulthandler.register(_MAIN_THREAD, file=_FD, all_threads=False)
+
+
 _keep_cores()
 _LATE["__import__"] = _import_late
 _generator = sys.modules["rosidl_generator_py.generate_py_impl"] = type(sys)(
@@ -312,4 +325,5 @@ if _STARTED:
     # Python itself has started: whatever happens from here on is the student's doing.
     os.write(_FD, b'{"kind": "started"}\n')
 if _FD >= 0:
+    _answer_for_stacks()
     sys.meta_path.insert(0, _NodeFinder())
