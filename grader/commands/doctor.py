@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_of, parser_of
+from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_for, parser_of
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
     words = "Examine this machine: can it grade, how well does it confine students' code, how busy is it?"
     parser = parser_of("grade doctor", words, "The exit status is 1 if this machine cannot grade.")
-    add_path(parser, "--python", "interpreter for students' code")
+    add_path(parser, "--python", "interpreter for students' code, or `lab`, see `grade --help`")
     add_flag(
         parser,
         "--calibrate",
@@ -35,7 +35,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     )
     add_lab(parser, "for --calibrate; default: the lab shipped with grade")
     options = parser.parse_args(arguments)
-    interpreter = interpreter_of(options.python)
+    interpreter = interpreter_for(options.python, options.rubric)
     limits = status_of_limits()
     _print(limits, console)
     if limits.verdict is Verdict.FAIL:  # A limit on memory prevents the imports below.

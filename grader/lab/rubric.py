@@ -109,6 +109,11 @@ class LabSpec(Parameters):
         None,
         description="Distribution of ROS that the handout was written for; the report names it.",
     )
+    requirements: tuple[str, ...] = Field(
+        (),
+        description="Python packages for students' programs besides NumPy and SciPy, in the form of pip, "
+        "e.g. `transforms3d>=0.4`; `grade --python lab` installs them.",
+    )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
     handout: str | None = Field(
         None,
