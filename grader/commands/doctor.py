@@ -26,8 +26,19 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.doctor.status import Verdict, status_of_limits
 
     words = "Examine this machine: can it grade, how well does it confine students' code, how busy is it?"
-    parser = parser_of("grade doctor", words, "The exit status is 1 if this machine cannot grade.")
+    parser = parser_of(
+        "grade doctor",
+        words,
+        "The exit status is 1 if this machine cannot grade, or students' nodes cannot run with the installation of --ros.",
+    )
     add_path(parser, "--python", "interpreter for students' code, or `lab`, see `grade --help`")
+    add_path(
+        parser,
+        "--ros",
+        "also examine an installation of ROS 2, such as /opt/ros/jazzy: can students' nodes run with it? "
+        "(`grade` does not use it.)",
+        "PREFIX",
+    )
     add_flag(
         parser,
         "--calibrate",
@@ -49,9 +60,12 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 def _statuses(interpreter: Path, options: argparse.Namespace) -> Iterator[Status]:
     from grader.doctor.examination import calibrate, examine
+    from grader.doctor.ros_prefix import examine_ros
     from grader.judging import rubrics
 
     yield from examine(interpreter)
+    if options.ros is not None:
+        yield from examine_ros(options.ros.absolute())
     if options.calibrate:
         yield from calibrate(interpreter, rubrics.read_rubric(options.rubric))
 
