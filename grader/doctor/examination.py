@@ -30,6 +30,7 @@ from grader.live.builds.colcon import lacking_builder
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.probing import probe_isolation
+from grader.live.sandbox.students_python import has_libraries_of_jazzy
 from grader.live.session.scheduler import sessions_at_a_time
 from grader.result import Outcome
 from grader.submission.artifacts import read_submission_folder
@@ -77,6 +78,7 @@ def examine(interpreter: Path) -> Iterator[Status]:
     yield _toolchain()
     yield _builder(isolation)
     if platform_status.verdict is Verdict.PASS:
+        yield _libraries(interpreter)
         yield from _traffic(interpreter)
 
 
@@ -92,6 +94,26 @@ def _platform(interpreter: Path) -> Status:
         return Status(Verdict.FAIL, "platform", f"{found}; no node can be run: {problem}", remedy)
     wheels = (f"{name} {version(name)}" for name in ("ros-jazzy-rclpy", "ros-fastrtps"))
     return Status(Verdict.PASS, "platform", ", ".join((found, *wheels)))
+
+
+#: Versions of the libraries that students' programs import.
+_LIBRARIES = "import numpy, scipy; print(f'NumPy {numpy.__version__}, SciPy {scipy.__version__}')"
+
+
+def _libraries(interpreter: Path) -> Status:
+    """State the libraries of students' programs, and the way to the libraries of their own machines."""
+    subject = "students' libraries"
+    try:
+        found = ask_interpreter(interpreter, _LIBRARIES).strip()
+    except ValueError as problem:
+        return Status(Verdict.PASS, subject, str(problem), "")
+    if found.startswith("NumPy 1."):
+        return Status(Verdict.PASS, subject, found)
+    if has_libraries_of_jazzy():
+        remedy = "ROS 2 Jazzy has NumPy 1.26: `--python lab` makes an environment with that."
+    else:
+        remedy = "ROS 2 Jazzy has NumPy 1.26, which needs a grader on Python 3.12 or older."
+    return Status(Verdict.PASS, subject, found, remedy)
 
 
 def _confinement(isolation: Isolation) -> Iterator[Status]:

@@ -115,6 +115,11 @@ class LabSpec(Parameters):
         le=100,
         description="Time for `colcon build` of a submission's packages; what takes longer is undecided.",
     )
+    requirements: tuple[str, ...] = Field(
+        (),
+        description="Python packages for students' programs besides NumPy and SciPy, in the form of pip, "
+        "e.g. `transforms3d>=0.4`; `grade --python lab` installs them.",
+    )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
     handout: str | None = Field(
         None,

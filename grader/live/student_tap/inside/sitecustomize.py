@@ -220,7 +220,7 @@ def _keep_sessions_variables(module):
         _restore_variables()
         domain = kwargs.get("domain_id")
         if isinstance(domain, int):
-            kwargs["domain_id"] = min(domain, 0) or None
+            del kwargs["domain_id"]
             if str(domain) != _VALUES.get("ROS_DOMAIN_ID"):
                 _note_variable("ROS_DOMAIN_ID", str(domain))
         return init(self, *args, **kwargs)
@@ -241,7 +241,9 @@ def _restore_variables():
 
 def _is_loading(file):
     """Tell whether a file is the tap, rclpy, or Python's own code for imports."""
-    return file.startswith(("<frozen ", __file__)) or "/rclpy/" in file
+    if "/rclpy/" in file:
+        return True
+    return file.startswith(("<frozen ", __file__))
 
 
 def _note_variable(name, value):
