@@ -51,8 +51,8 @@ class TopicPublished(OfEndpoint):
     topic: ref.RosName
     type: ref.MessageType
     silent_credit: Share = Field(
-        0.5,
-        description="Credit of a program that goes on, with a publisher from which no message comes.",
+        0.0,
+        description="Credit of a publisher in the graph that sends nothing, while its program runs.",
     )
 
     def sought(self) -> Sequence[ref.Sought]:
@@ -122,25 +122,26 @@ def _first_other(types: Sequence[str], wanted: str) -> str:
 def _never_sent(
     context: Context, p: TopicPublished, expected: str, endpoints: Sequence[Endpoint]
 ) -> Finding:
-    """State that a publisher is in the graph, and that no message came from it."""
+    """State that a publisher exists and sent nothing.
+
+    If its program ran on, the publisher was not in the graph by chance: it earns a part, and other checks can rely on it.
+    """
     used = context.session.used(p.topic)
     found_type = _first_other([endpoint.type for endpoint in endpoints], p.type)
-    reason = (
-        f"There is a publisher on {used}, and no message came from it.{_by_timer(_timers(context))}"
-    )
-    measured = f"a publisher of type {found_type} on {used}, 0 messages"
-    credit = 0.0 if _has_ended(context, p.artifact) else p.silent_credit
-    silent = Part(credit, measured, reason, hint=_NO_TIMER_HINT)
+    reason = f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
+    measured = f"{found_type} on {used}, 0 messages"
+    if not _ran_on(context, p.artifact):
+        return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
+    part = Part(p.silent_credit, measured, reason, hint=_NO_TIMER_HINT)
     costs = _publisher_costs(context, p, endpoints, found_type)
-    return unexplained(of_parts(expected, [silent], costs=costs))
+    silent = of_parts(expected, [part], costs=costs, where=(context.location(p.topic),))
+    return unexplained(replace(silent, is_silent=True))
 
 
-def _has_ended(context: Context, artifact: str) -> bool:
-    """Return whether the last process of an artifact ended by itself."""
-    for run in context.session.processes_of(artifact)[-1:]:
-        if run.exited_ns is not None and run.interrupted_ns is None:
-            return run.ended_by == "itself"
-    return False
+def _ran_on(context: Context, artifact: str) -> bool:
+    """Tell whether the last process of an artifact ran until it was interrupted."""
+    runs = context.session.processes_of(artifact)
+    return bool(runs) and runs[-1].interrupted_ns is not None
 
 
 def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> str:
@@ -204,7 +205,7 @@ class _Timed(Parameters):
         timing = timing_of(session.stream(self.topic), span)
         if span is None:
             return _Measurement(timing, None)
-        run = session.process(self.process)
+        run = self.run(context)
         delay_s = session.machine_delay_s(run, span) if run is not None else 0.0
         recorder_delay_s = session.recorder_delay_s(span)
         delays = _delays_on_the_way(context, run)
@@ -214,6 +215,12 @@ class _Timed(Parameters):
         method = " by times of arrival, as the time stamps are not the times of publication"
         return _Measurement(timing.arrived, span, delay_s + recorder_delay_s, method)
 
+    def run(self, context: Context) -> ProcessRun | None:
+        """Return the process that publishes: by its name, or in another session by its call for the publisher."""
+        run = context.session.process(self.process)
+        claim = claim_of(context, "publisher", self.topic) if run is None else None
+        return context.session.process(claim.process) if claim is not None else run
+
     def calm(
         self, context: Context, measurement: _Measurement, timing: Timing, harmless_s: float
     ) -> Calm | None:
@@ -221,7 +228,7 @@ class _Timed(Parameters):
 
         None too if too few intervals remain, or if the method of measurement cannot tell them apart.
         """
-        run = context.session.process(self.process)
+        run = self.run(context)
         if run is None or run.disturbed is None:
             return None
         if measurement.method or timing.burst_error_hz is not None:
@@ -418,7 +425,7 @@ def _rate_between(
 ) -> _Rate:
     """Return the bounds of the rate, narrowed by undisturbed intervals if there are enough."""
     length_s = _length_s(timing, measurement.span)
-    run = context.session.process(p.process)
+    run = p.run(context)
     before_s = _delay_before_s(context, run, measurement.span)
     bounds_hz = _bounds_hz(timing, length_s, measurement.delay_s, before_s, p.rate_hz)
     ends_error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)

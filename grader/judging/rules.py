@@ -54,6 +54,8 @@ class Case(Situation):
     violation: Violation | None = None
     #: True if the recording of the session is too large to be judged.
     is_too_large: bool = False
+    #: Id of a failed check that this one requires, and that is passed in another session; the recording is of that one.
+    shown_elsewhere: str | None = None
 
     @property
     def recorded(self) -> Recorded | None:
@@ -74,13 +76,17 @@ def required(case: Case) -> Finding | None:
     """Do not test a check if one that it requires has failed, was not tested, or is undecided."""
     for id_ in case.spec.requires:
         earlier = case.context.findings.get(id_)
-        if earlier is not None and not _goes_on(earlier):
+        if id_ == case.shown_elsewhere or earlier is None:
+            continue
+        if not _goes_on(case, earlier):
             return _not_tested(case, id_, earlier)
     return None
 
 
-def _goes_on(earlier: Finding) -> bool:
-    """Tell whether checks that require another one can be judged after its finding."""
+def _goes_on(case: Case, earlier: Finding) -> bool:
+    """Tell whether a check that requires another one can be judged after its finding."""
+    if earlier.is_silent:
+        return is_by_endpoints(case.spec)
     if earlier.passes_on is not None:
         return earlier.passes_on > 0
     return earlier.outcome.goes_on
@@ -94,7 +100,9 @@ def _not_tested(case: Case, required_id: str, earlier: Finding) -> Finding:
     if earlier.outcome is Outcome.NOT_REACHED:
         return not_reached(earlier.reason, blocked_by=earlier.blocked_by)
     why = f"'{title}' failed"
-    if earlier.passes_on is not None:
+    if earlier.is_silent:
+        why = f"nothing was published, as '{title}' says"
+    elif earlier.passes_on is not None:
         why = f"nothing arrives at your node, as '{title}' says"
     return not_reached(f"Not tested, because {why}.", blocked_by=required_id)
 
@@ -199,7 +207,7 @@ def left_out(case: Case) -> Finding | None:
     gap = _gap_on(case.referents(), case.context.session)
     if gap is None:
         return None
-    if _is_by_endpoints(case) and case.found.outcome.goes_on:
+    if is_by_endpoints(case.spec) and case.found.outcome.goes_on:
         notes = (*case.found.notes, describe_gap(gap))
         return replace(case.found, notes=notes)
     if isinstance(gap, UnreadGap) and not is_unread_by_student(case.context.session, gap):
@@ -209,7 +217,7 @@ def left_out(case: Case) -> Finding | None:
 
 def not_understood(case: Case) -> Finding | None:
     """Leave the check to a person if the grader cannot decode the messages on one of its topics."""
-    if not _rests_on_messages(case) or _is_by_endpoints(case):
+    if not _rests_on_messages(case) or is_by_endpoints(case.spec):
         return None
     for topic in sorted(case.referents().names):
         if not case.context.session.bag.stream(topic).understood:
@@ -225,8 +233,9 @@ def _rests_on_messages(case: Case) -> bool:
     return case.recorded is not None and case.found.outcome is not Outcome.ERROR
 
 
-def _is_by_endpoints(case: Case) -> bool:
-    return check_given(case.spec.check, case.spec.parameters).by_endpoints
+def is_by_endpoints(spec: CheckSpec) -> bool:
+    """Tell whether a check can be passed without all messages of its topics."""
+    return check_given(spec.check, spec.parameters).by_endpoints
 
 
 def _gap_on(of: Referents, recorded: Recorded) -> RecordingGap | None:

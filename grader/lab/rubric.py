@@ -323,6 +323,11 @@ class CheckSpec(_OfKind):
         alias="with", default_factory=dict, validate_default=True
     )
     requires: tuple[EarlierCheckId, ...] = ()
+    also_in: tuple[SessionId, ...] = Field(
+        (),
+        description="Other sessions that can show it. If it fails in its own, the checks that require it are judged in "
+        "the first of these sessions where it is passed.",
+    )
     cause: str | None = Field(
         None,
         description="Name of the mistake. Its dearest check charges it; its other checks are excused.",
