@@ -175,7 +175,9 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
     qos = _first_unfit(endpoints, wanted)
     wrong = [f"The {kind} {verb} {other}." for other in _other_policies(qos, wanted)]
     claim = claim_of(context, kind, p.topic)
-    asked = claim.qos if claim is not None else None
+    asked = None
+    if claim is not None:
+        asked = claim.qos
     measured = f"{verb} {qos.reliability.upper()}, {qos.durability.upper()}"
     if asked is not None:
         measured += f", depth {asked.depth} in the source"
@@ -183,9 +185,11 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
     where = (*claimed_at(claim), context.location(p.topic))
     notes = _depth_notes(p, asked)
     finding = graded(share, expected, measured, " ".join(wrong), where=where, notes=notes)
-    if wrong and kind == "subscription" and unheard(context, p.topic) is not None:
-        return cut_off(finding)
-    return finding
+    if not wrong or kind != "subscription":
+        return finding
+    if unheard(context, p.topic) is None:
+        return finding
+    return cut_off(finding)
 
 
 def _wanted_policies(p: QosWanted) -> dict[str, str]:
@@ -222,7 +226,9 @@ def _other_policies(qos: Qos, wanted: Mapping[str, str]) -> list[str]:
 
 def _depth_notes(p: QosWanted, asked: Qos | None) -> list[str]:
     """Note a queue depth in the source that is not the lab's."""
-    if asked is None or p.depth is None or asked.depth == p.depth:
+    if asked is None or p.depth is None:
+        return []
+    if asked.depth == p.depth:
         return []
     depth = "left to the middleware" if asked.history == "system_default" else asked.depth
     return [f"The depth is {depth}; the lab asks for {p.depth}."]

@@ -169,7 +169,9 @@ def _overwrites(text: str, attribute: str) -> int | None:
 def _targets(node: ast.AST) -> Sequence[ast.expr]:
     if isinstance(node, ast.Assign):
         return node.targets
-    return [node.target] if isinstance(node, ast.AnnAssign) else []
+    if isinstance(node, ast.AnnAssign):
+        return [node.target]
+    return []
 
 
 def late_lambda(text: str) -> tuple[int, str] | None:

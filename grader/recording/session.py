@@ -103,6 +103,11 @@ class ProcessRun:
     #: Delays by the machine: [begin of a span, its length, delay within it], in ns. None if it was not watched.
     disturbed: list[list[int]] | None = None
 
+    @property
+    def ended_unasked(self) -> bool:
+        """True if it ended, and was not interrupted before."""
+        return self.exited_ns is not None and self.interrupted_ns is None
+
 
 @dataclass
 class Qos:
@@ -245,8 +250,9 @@ def asked_for(endpoint: Endpoint, claims: Iterable[Claim]) -> Claim | None:
     """Return the claim of an endpoint, in any namespace; of several claims one of the endpoint's own node."""
     first = None
     for claim in claims:
-        is_other = claim.kind != endpoint.kind or _plain(claim.name) != _plain(endpoint.topic)
-        if is_other:
+        if claim.kind != endpoint.kind:
+            continue
+        if _plain(claim.name) != _plain(endpoint.topic):
             continue
         if _plain(claim.node) == _plain(endpoint.node):
             return claim

@@ -33,7 +33,8 @@ class Person:
 
     def completed(self, other: Person) -> Person:
         """Return these facts, with those of another record of the person where these are empty."""
-        return Person(**{fact: text or getattr(other, fact) for fact, text in vars(self).items()})
+        facts = {fact: text or getattr(other, fact) for fact, text in vars(self).items()}
+        return Person(**facts)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,14 +61,18 @@ class Identity:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of a single person; none of several, because no name of one stands for all."""
-        return self.people[0].names if len(self.people) == 1 else ()
+        if len(self.people) == 1:
+            return self.people[0].names
+        return ()
 
     def completed(self, other: Identity) -> Identity:
         """Return this identity, with the facts of another one of the same submission where this one has none."""
         people = self.people or other.people
         if self.people and other.people:
             people = (people[0].completed(other.people[0]), *people[1:])
-        return Identity(people, self.system or other.system, self.handback or other.handback)
+        system = self.system or other.system
+        handback = self.handback or other.handback
+        return Identity(people, system, handback)
 
 
 @dataclass
