@@ -33,6 +33,7 @@ from grader.checks.package import build_cause
 from grader.checks.preconditions import environment_gap_of
 from grader.checks.service import parameter_cause
 from grader.evidence.build_faults import build_fault, placement_fault, start_fault
+from grader.evidence.compiled import not_assessable, unbuilt_programs, why_not_built
 from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module
 from grader.evidence.newer_python import python_needed
@@ -122,14 +123,24 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if problem is not None:
         noted.append(repair_of(problem))
     faults = [each for each in noted if not _excuse(context, each)]
+    undecided = _compiled_programs(context, noted)
+    if problem is not None and faults:
+        undecided = undecided or _not_assessable(context, plan, problem)
+    where = _at(context, problem)
+    if undecided:
+        measured = problem.message if problem is not None else "a compiled program"
+        return inconclusive(expected, measured, undecided, where=where, retry=False)
     if not faults:
         return _loads(context, p, expected, plan, noted)
     if problem is None:
         return _repaired(faults, expected, p.repaired_rest)
-    where = _at(context, problem)
-    undecided = _not_assessable(context, plan, problem)
-    if undecided:
-        return inconclusive(expected, problem.message, undecided, where=where, retry=False)
+    return _stopped(p, expected, plan, problem, where)
+
+
+def _stopped(
+    p: LaunchLoads, expected: str, plan: Plan, problem: Problem, where: tuple[Location, ...]
+) -> Finding:
+    """State the mistake that ends the evaluation of a launch file."""
     reason = _capitalised(problem.message)
     if problem.file and problem.line:
         reason += f" ({problem.file}, line {problem.line})"
@@ -205,6 +216,18 @@ def _owner(context: Context, artifact: str) -> PackageFact | None:
     return max(owners, key=lambda package: len(package.path), default=None)
 
 
+def _compiled_programs(context: Context, noted: Sequence[Repair]) -> str:
+    """Say that a program of the launch file is compiled and was not built here; empty without such a program."""
+    programs = unbuilt_programs(context.submission)
+    for each in noted:
+        if each.kind != "unknown_executable":
+            continue
+        for name, package in programs.items():
+            if f"'{name}'" in each.message or "$" in name:
+                return not_assessable(context.submission, package, name)
+    return ""
+
+
 def _package_faults(context: Context, artifact: str, plan: Plan) -> dict[str, Repair]:
     """Return the faults of the packages that a launch file names or belongs to, by their causes.
 
@@ -219,7 +242,7 @@ def _package_faults(context: Context, artifact: str, plan: Plan) -> dict[str, Re
             continue
         build = context.submission.build_of(package)
         fault = None
-        if build is not None:
+        if build is not None and not why_not_built(build):
             fault = build_fault(package, build, texts) or placement_fault(package, build)
         if fault is None:
             fault = start_fault(package, build, texts, filter(None, named))

@@ -21,6 +21,7 @@ from grader.evidence.build_faults import (
     start_fault,
     undeclared_dependencies,
 )
+from grader.evidence.compiled import why_not_built
 from grader.evidence.known_packages import ros_packages
 from grader.lab import references as ref
 from grader.lab.references import Parameters
@@ -94,11 +95,7 @@ def _wanted(context: Context, p: PackageBuilds) -> list[PackageFact]:
 
 def _undecided(package: PackageFact, build: BuildFact | None) -> str:
     """Say why the build of a package is unknown; empty if it is known."""
-    reason = ""
-    if build is None:
-        reason = "the grading computer lacks colcon or a sandbox for it"
-    elif build.outcome == "not built":
-        reason = build.reason
+    reason = why_not_built(build)
     if not reason:
         return ""
     return f"The package {package.name} was not built: {reason}. Your instructor decides."

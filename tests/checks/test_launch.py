@@ -269,6 +269,25 @@ def test_a_package_that_ros2_launch_refuses_is_charged_once(
         assert finding.hint
 
 
+@pytest.mark.parametrize(
+    ("name", "outcome"), [("talk", Outcome.INCONCLUSIVE), ("tlak", Outcome.FAILED)]
+)
+def test_a_compiled_program_that_is_not_built_here_costs_nothing(
+    tmp_path: Path, name: str, outcome: Outcome
+) -> None:
+    """A launch file that starts a program in C++ is left to a person; a misspelt name is a mistake still."""
+    record = submission(
+        {"arm/it.py": "", "arm/CMakeLists.txt": "add_executable(talk a.cpp)"}, it="arm/it.py"
+    )
+    record.packages = [PackageFact("arm", "arm", "ament_cmake")]
+    noted = [
+        {"kind": "unknown_executable", "message": f"Executable '{name}' not found in package 'arm'"}
+    ]
+    session = planned(Session(tmp_path), worked_around=noted)
+    finding = judged("launch_loads", LOADS, session, record)
+    assert (finding.outcome, finding.retry) == (outcome, outcome is Outcome.FAILED)
+
+
 def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
     """A plan that is not there or is none is the grader's fault; a missing file is not."""
     unevaluated = judged("launch_loads", LOADS, Session(tmp_path / "a"))
