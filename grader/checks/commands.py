@@ -33,6 +33,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topics_subscribed": ("ros2 node info {node}",),
     **dict.fromkeys(("survives", "call_answered", "parameters_declared", "call_value"), _STEP),
     **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
+    "package_builds": ("colcon build",),
     "service_offered": ("ros2 service list -t",),
     "action_server": ("ros2 action info -t {action}", "{step}"),
     "parameter_effect": ("{set_step}",),
