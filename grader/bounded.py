@@ -97,9 +97,9 @@ def _finished(running: Mapping[K, _Child]) -> list[K]:
 
 
 def in_processes(
-    works: Mapping[K, Callable[[], T]], bound: Bound, at_a_time: int = 1
+    works: Mapping[K, Callable[[], T]], bound: Bound, at_a_time: int | None = None
 ) -> Iterator[tuple[K, T | Exception]]:
-    """Do pieces of work, some at a time, and give the result or the exception of each as soon as it is there.
+    """Do pieces of work, by default one a core, and give the result or the exception of each as soon as it is there.
 
     The exception of work beyond the bound is `BoundError`.
     """
@@ -109,9 +109,10 @@ def in_processes(
         return
     waiting = list(works.items())[::-1]
     running: dict[K, _Child] = {}
+    most = at_a_time or len(os.sched_getaffinity(0))
     try:
         while waiting or running:
-            while waiting and len(running) < at_a_time:
+            while waiting and len(running) < most:
                 key, work = waiting.pop()
                 running[key] = _Child.start(work, bound)
             for key in _finished(running):

@@ -116,7 +116,9 @@ class Location:
     end_s: Seconds | None = None
 
     def __str__(self) -> str:
-        file = f"{self.file}:{self.line}" if self.line else self.file
+        file = self.file
+        if self.line:
+            file = f"{self.file}:{self.line}"
         output = f"output of {self.process}" if self.process else ""
         recording = f"recording '{self.session}'" if self.session else ""
         return ", ".join(part for part in (file, output, recording, self.topic, self.span) if part)
@@ -129,7 +131,9 @@ class Location:
         if self.end_s is None or self.end_s == self.start_s:
             return f"at {self.start_s:.3f} s"
         # A call takes a thousandth of a window's time.
-        places = 1 if self.end_s - self.start_s >= 1.0 else 3
+        places = 3
+        if self.end_s - self.start_s >= 1.0:
+            places = 1
         return f"{self.start_s:.{places}f}–{self.end_s:.{places}f} s"
 
 
@@ -165,6 +169,9 @@ class Finding:
     #: Share of the credit that checks which require this one can earn; None if the outcome tells. It is 0 if nothing
     #: reaches the program although this check earns a part, and 0.75 if a failed file was repaired on a copy.
     passes_on: Decimal | None = None
+    #: True if an endpoint is in the graph and sent nothing: of the checks that require this one, those of endpoints
+    #: can be judged.
+    is_silent: bool = False
     #: Names of the mistakes behind the loss; the dearest check of each name charges it.
     causes: tuple[str, ...] = ()
     #: Name of the rule that decided; see `grader.judging.rules`.
@@ -258,9 +265,9 @@ class CheckResult:
     @property
     def share(self) -> float | None:
         """Share of its points, from 0 to 1; None if it is undecided or has none."""
-        return (
-            float(self.earned / self.possible) if self.outcome.decided and self.possible else None
-        )
+        if self.outcome.decided and self.possible:
+            return float(self.earned / self.possible)
+        return None
 
 
 @dataclass(frozen=True)
@@ -564,7 +571,9 @@ def load_result(file: Path) -> Result:
 def result_of_text(text: str | None) -> Result | None:
     """Return the result of a `result.json`'s text; None if there is none, or none of this version."""
     with suppress(RecordingError, ValueError, RecursionError):
-        return None if text is None else read_result(json.loads(text))
+        if text is None:
+            return None
+        return read_result(json.loads(text))
     return None
 
 

@@ -172,7 +172,8 @@ class _Sent:
 
     def printed(self, text: str) -> bool:
         """Return whether the program's output has a text, which identifies a known mistake."""
-        return any(text in line.text for line in self.context.session.output_of(self.artifact))
+        lines = self.context.session.output_of(self.artifact)
+        return any(text in line.text for line in lines)
 
     def delay_s(self, start_ns: int, end_ns: int) -> float:
         """Return the machine's longest delay of a process in a span, including the sender of goals."""
@@ -352,7 +353,9 @@ def _accepted(sent: _Sent, wanted: OfGoal) -> Part:
         return Part(1.0, f"{sent.words} accepted after {answered_ms:.1f} ms")
     if sent.record.accepted is None:
         return _silent(sent)
-    every = f"The {sent.words}" if _any_goal(sent, accepted=True) else "Every goal"
+    every = "Every goal"
+    if _any_goal(sent, accepted=True):
+        every = f"The {sent.words}"
     hint = _ACCEPT_HINT
     if sent.printed("did not return a GoalResponse"):
         hint = "goal_callback returns no GoalResponse, which rclpy takes for a rejection: return GoalResponse.ACCEPT."
@@ -366,7 +369,9 @@ def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
         if not _any_goal(sent, accepted=True):
             raise _NotTested("no goal is accepted at all, so that a rejection proves nothing")
         return Part(1.0, f"{sent.words} rejected")
-    every = f"The {sent.words}" if _any_goal(sent, accepted=False) else "Every goal"
+    every = "Every goal"
+    if _any_goal(sent, accepted=False):
+        every = f"The {sent.words}"
     hint = "Give ActionServer a goal_callback that returns GoalResponse.REJECT for such a goal."
     return Part(0.0, f"{sent.words} accepted", f"{every} is accepted.", hint=hint)
 
@@ -436,11 +441,11 @@ def _feedback_count(sent: _Sent, count: int, least: int) -> Part:
 def _product(parts: Sequence[Part]) -> Part:
     """Return one part with the product of the shares, and the texts of all."""
     share = math.prod(part.share for part in parts)
-    bests = [part.share if part.best is None else part.best for part in parts]
+    best = math.prod(part.most for part in parts)
     text = " ".join(part.text for part in parts if part.text)
     reason = " ".join(part.reason for part in parts if part.reason)
     doubt = " ".join(part.doubt for part in parts if part.doubt)
-    return Part(share, text, reason, best=math.prod(bests), doubt=doubt)
+    return Part(share, text, reason, best=best, doubt=doubt)
 
 
 def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
@@ -459,7 +464,9 @@ def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
     reason = ""
     if share < 1:
         reason = f"The feedback comes at {shown}; {full_hz:g} Hz give full credit."
-    doubt = cpu_delay_doubt(delay_s, length_s) if best > share else ""
+    doubt = ""
+    if best > share:
+        doubt = cpu_delay_doubt(delay_s, length_s)
     return Part(share, f"at {shown}", reason, best=best, doubt=doubt)
 
 
@@ -492,7 +499,8 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     if not wrong:
         return Part(1.0, measured)
     hint = ""
-    if len(wrong) == len(got) and not any(got.values()):
+    all_wrong = len(wrong) == len(got)
+    if all_wrong and not any(got.values()):
         hint = "Fill in the fields of the result that the execute callback returns."
     share = 1 - len(wrong) / len(got)
     reason = f"In the result, {' and '.join(wrong)}."
@@ -589,14 +597,10 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
         return found
     became = f"ended as {newer.status}" if newer.has_ended else "did not end"
     reason = f"{found.reason} The newer goal {became}.".strip()
-    best = found.share if found.best is None else found.best
-    return replace(
-        found,
-        share=wanted.other_status_credit * found.share,
-        best=wanted.other_status_credit * best,
-        reason=reason,
-        hint=found.hint or _END_HINT,
-    )
+    kept = wanted.other_status_credit
+    hint = found.hint or _END_HINT
+    share = kept * found.share
+    return replace(found, share=share, best=kept * found.most, reason=reason, hint=hint)
 
 
 def _too_early(sent: _Sent, what: str, after_s: float | None) -> Part:
@@ -648,7 +652,9 @@ def _ends_early(sent: _Sent, wanted: CancelledWanted, asked: _Request) -> Part:
         reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
         if fits:
             hint = "Look for it more often, in each round of the execute callback's loop."
-    doubt = cpu_delay_doubt(delay_s, took_s) if best > share else ""
+    doubt = ""
+    if best > share:
+        doubt = cpu_delay_doubt(delay_s, took_s)
     hint = hint if share < 1 else ""
     return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint)
 
@@ -709,8 +715,11 @@ def _feedback_words(_: ActionServer, wanted: FeedbackWanted) -> str:
     rate = ""
     if wanted.at_least_hz is not None:
         rate = f" at {wanted.at_least_hz:g} Hz or more"
-    ways = ((wanted.rising, "never falls"), (wanted.falling, "never rises"))
-    order = "".join(f", {field} {way}" for field, way in ways if field is not None)
+    order = ""
+    if wanted.rising is not None:
+        order += f", {wanted.rising} never falls"
+    if wanted.falling is not None:
+        order += f", {wanted.falling} never rises"
     return f"{wanted.at_least} or more messages of feedback{rate}{order}"
 
 

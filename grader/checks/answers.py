@@ -15,6 +15,7 @@ from grader.checks.service import (
     call_location,
     earlier_silence,
     problem_of,
+    problem_said,
     same_request,
     shown,
     silence,
@@ -24,7 +25,6 @@ from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
 from grader.lab.patterns import search
 from grader.lab.references import Parameters, Pattern
-from grader.lab.steps.base import StepResult
 from grader.lab.steps.call import CallStep
 from grader.recording.session import StepRun
 from grader.result import Finding
@@ -218,7 +218,9 @@ def unanswered(context: Context, step: StepRun | None, expected: str) -> Finding
     if step is not None and step.outcome in ("done", "failed"):
         return None
     steps = context.session.record.steps
-    before = steps[: steps.index(step)] if step is not None else steps
+    before = steps
+    if step is not None:
+        before = steps[: steps.index(step)]
     for earlier in before:
         if earlier.kind in _ASKING and earlier.outcome in ("timeout", "cancelled"):
             which = f"an earlier step ({earlier.kind})"
@@ -226,6 +228,5 @@ def unanswered(context: Context, step: StepRun | None, expected: str) -> Finding
                 which = f'"{earlier.label}"'
             reason = f"Not tested, because {which} got no answer. {THEN_THESE}"
             return not_reached(reason, expected=expected)
-    problem = "" if step is None else StepResult.of(step).problem
-    why = f": {problem}" if problem else ""
-    return unexplained(failed(expected, "no answer", f"The node did not answer{why}."))
+    reason = f"The node did not answer{problem_said(step)}."
+    return unexplained(failed(expected, "no answer", reason))

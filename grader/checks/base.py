@@ -69,7 +69,9 @@ class Context:
 
     def charged(self, check: str | None) -> bool:
         """Tell whether a check, if any, has already taken points."""
-        finding = self.findings.get(check) if check is not None else None
+        finding = None
+        if check is not None:
+            finding = self.findings.get(check)
         if finding is None:
             return False
         return finding.outcome.took_points or finding.outcome is Outcome.NOT_REACHED
@@ -173,13 +175,9 @@ def passed(
 
 def excused(finding: Finding, elsewhere: str) -> Finding:
     """Return a finding without its loss, with a sentence on the check charged for the same mistake."""
-    return replace(
-        finding,
-        outcome=Outcome.EXCUSED,
-        credit=Decimal(1),
-        reason=f"{finding.reason} {elsewhere}".strip(),
-        hint="",
-    )
+    reason = f"{finding.reason} {elsewhere}".strip()
+    full = Decimal(1)
+    return replace(finding, outcome=Outcome.EXCUSED, credit=full, reason=reason, hint="")
 
 
 _MEASUREMENT_ERROR = "The measurement error spans more than one credit level."
@@ -218,7 +216,10 @@ def graded(
         Number of credit levels to which a measured share is rounded down; 0 for a share that is not measured.
     """
     low = _leveled(share, levels)
-    high = low if best is None else _leveled(best, levels)
+    if best is None:
+        high = low
+    else:
+        high = _leveled(best, levels)
     if low != high:
         settled = None
         if not doubt:
@@ -241,7 +242,9 @@ def _between(low: Decimal, high: Decimal) -> str:
 
 def _leveled(share: float, levels: int) -> Decimal:
     """Return a share as credit, rounded down to so many levels if there are any."""
-    return credit_of(quantise(share, levels) if levels else share)
+    if levels:
+        return credit_of(quantise(share, levels))
+    return credit_of(share)
 
 
 @dataclass(frozen=True)
@@ -268,7 +271,9 @@ class Part:
     @property
     def most(self) -> float:
         """The most share."""
-        return self.share if self.best is None else max(self.share, self.best)
+        if self.best is None:
+            return self.share
+        return max(self.share, self.best)
 
 
 def excused_part(part: Part, elsewhere: str) -> Part:
@@ -302,27 +307,32 @@ def of_parts(
     doubt
         Doubt if no part has one.
     """
-    least, most = _bounds(parts, lost=sum(share for share, _ in costs))
+    lost = sum(share for share, _ in costs)
+    least, most = _bounds(parts, lost)
     places: list[Location] = []
     notes: list[str] = []
     for part in parts:
         places += part.where
         notes += part.notes
-    texts = "; ".join(part.text for part in parts if part.text)
+    places += where
+    if not measured:
+        measured = "; ".join(part.text for part in parts if part.text)
     reasons = [reason for _, reason in costs]
     reasons += [part.reason for part in parts]
-    hints = _different(part.hint for part in parts)
+    reason = " ".join(_different(reasons))
+    hint = next((part.hint for part in parts if part.hint), "")
     doubts = _different(part.doubt for part in parts)
+    doubt = " ".join(doubts) or doubt
     finding = graded(
         least,
         expected,
-        measured or texts,
-        " ".join(_different(reasons)),
-        hint=hints[0] if hints else "",
-        where=[*places, *where],
+        measured,
+        reason,
+        hint=hint,
+        where=places,
         notes=notes,
         best=most,
-        doubt=" ".join(doubts) or doubt,
+        doubt=doubt,
     )
     return _with_causes(finding, parts)
 
@@ -494,4 +504,6 @@ def describe_diagnosis(found: Diagnosis) -> str:
     if found.file and found.line:
         location = f"{found.file}, line {found.line}"
     parts = [part for part in (found.exception_type, location) if part]
-    return f"{found.problem} ({' in '.join(parts)})" if parts else found.problem
+    if parts:
+        return f"{found.problem} ({' in '.join(parts)})"
+    return found.problem

@@ -33,6 +33,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topics_subscribed": ("ros2 node info {node}",),
     **dict.fromkeys(("survives", "call_answered", "parameters_declared", "call_value"), _STEP),
     **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
+    "package_builds": ("colcon build",),
     "service_offered": ("ros2 service list -t",),
     "action_server": ("ros2 action info -t {action}", "{step}"),
     "parameter_effect": ("{set_step}",),
@@ -97,7 +98,10 @@ class _Scope:
         reason: str,
     ) -> None:
         self._own = {**spec.parameters.model_dump(by_alias=True), "session": spec.session}
-        steps = rubric.sessions[spec.session].steps if spec.session else ()
+        if spec.session:
+            steps = rubric.sessions[spec.session].steps
+        else:
+            steps = ()
         self._steps = {step.label: step for step in steps if step.label is not None}
         self._paths = {
             fact.name: fact.path for fact in submission.artifacts if fact.path is not None
@@ -155,7 +159,9 @@ class _Scope:
         inner = copy(self)
         inner._own = {}
         for name, value in step.parameters.items():
-            inner._own[name] = json.dumps(value) if isinstance(value, Mapping) else value
+            if isinstance(value, Mapping):
+                value = json.dumps(value)
+            inner._own[name] = value
         lines: list[str] = []
         for template in step.step.commands():
             lines += inner.filled(template)

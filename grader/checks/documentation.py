@@ -433,8 +433,7 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     expected += f"and functions of {p.function_lines} lines or more (half)"
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
-    paths = [context.path_of(artifact) for artifact in p.artifacts]
-    explained = _units_of(facts, paths)
+    explained = _units_of(facts, list(map(context.path_of, p.artifacts)))
     if not explained.units:
         return passed(expected, "nothing that needs an explanation")
     share = explained.share()
@@ -442,14 +441,10 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     count = len(explained.units)
     shown_share = apart(100 * share, 100 * p.full_from, places=0)
     measured = f"{count - len(bare)} of {count} explained, half by files, half by what is in them: {shown_share}%"
-    finding = graded(
-        share / p.full_from,
-        expected,
-        measured,
-        _not_explained(bare, facts),
-        where=[Location(file=path, line=unit.line) for path, unit in bare[:_MOST_NAMED]],
-        notes=_unreadable(facts),
-    )
+    reason = _not_explained(bare, facts)
+    where = [Location(file=path, line=unit.line) for path, unit in bare[:_MOST_NAMED]]
+    share /= p.full_from
+    finding = graded(share, expected, measured, reason, where=where, notes=_unreadable(facts))
     return replace(finding, counted=tuple(map(_listed, facts)))
 
 
@@ -503,7 +498,9 @@ def _listed(facts: SourceFacts) -> str:
     said = []
     for unit in facts.units:
         if unit.needed:
-            name = "the file" if unit is facts.units[0] else unit.name
+            name = unit.name
+            if unit is facts.units[0]:
+                name = "the file"
             said.append(f"{name} ({_kind(unit)})")
     line = f"{facts.path}: {'; '.join(said)}"
     faults = _listed_faults(facts.notes)
@@ -520,13 +517,16 @@ def _listed_faults(notes: Sequence[Note]) -> list[str]:
             lines_by_fault.setdefault(note.fault, []).append(_lines(note))
     listed = []
     for fault, lines in lines_by_fault.items():
-        listed.append(f"{fault} (at {', '.join(lines[:_MOST_LISTED])})")
+        at = ", ".join(lines[:_MOST_LISTED])
+        listed.append(f"{fault} (at {at})")
     return listed
 
 
 def _kind(unit: Unit) -> str:
     note = unit.explained_by
-    return f"{note.kind}, line {note.line}" if note is not None else "nothing"
+    if note is not None:
+        return f"{note.kind}, line {note.line}"
+    return "nothing"
 
 
 def _lines(note: Note) -> str:
@@ -582,9 +582,8 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     where = [] if reasons else _locations(found)
     notes = []
     for passage in found.strung:
-        notes.append(
-            f"{FOR_A_PERSON} {_at(passage.file, passage.line)}, seems to be words, not sentences."
-        )
+        at = _at(passage.file, passage.line)
+        notes.append(f"{FOR_A_PERSON} {at}, seems to be words, not sentences.")
     finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
     return replace(finding, counted=_counted_concepts(found, p))
 
@@ -601,14 +600,15 @@ def _passages(context: Context, artifacts: Sequence[str]) -> list[Passage]:
 
 
 def _locations(found: Discussion) -> list[Location]:
-    return [Location(file=passage.file, line=passage.line) for passage in found.discussed.values()]
+    passages = found.discussed.values()
+    return [Location(file=passage.file, line=passage.line) for passage in passages]
 
 
 def _unclear(expected: str, measured: str, passages: Sequence[Passage]) -> Finding:
     """Leave a short text, or one in words unknown here, to a person."""
-    places = ", ".join(_at(passage.file, passage.line) for passage in passages[:_MOST_LISTED])
+    places = [_at(passage.file, passage.line) for passage in passages[:_MOST_LISTED]]
     reason = "The text about this is short, or in words that the grader does not know; a person "
-    reason += f"has to read it: {places}."
+    reason += f"has to read it: {', '.join(places)}."
     where = [Location(file=passage.file, line=passage.line) for passage in passages]
     return inconclusive(expected, measured, reason, where=where, retry=False)
 
@@ -643,7 +643,9 @@ def _counted_concepts(found: Discussion, p: ConceptsExplained) -> tuple[str, ...
     lines = []
     for name in p.concepts:
         passage = found.discussed.get(name)
-        place = _at(passage.file, passage.line) if passage is not None else "not recognised"
+        place = "not recognised"
+        if passage is not None:
+            place = _at(passage.file, passage.line)
         lines.append(f"{name}: {place}")
     places = [_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED]]
     lines.append(f"weighed with reasons: {', '.join(places) or 'not recognised'}")

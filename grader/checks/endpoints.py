@@ -53,6 +53,11 @@ class OfEndpoint(OfNode):
     other_name_costs: Share = Field(0.6, description="Share of the credit that another name costs.")
     other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
 
+    @property
+    def other_domain_costs(self) -> float:
+        """The cost of another name: in neither case do two programs of the lab connect."""
+        return self.other_name_costs
+
     def faults(
         self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
     ) -> list[tuple[float, str]]:
@@ -170,7 +175,9 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
     qos = _first_unfit(endpoints, wanted)
     wrong = [f"The {kind} {verb} {other}." for other in _other_policies(qos, wanted)]
     claim = claim_of(context, kind, p.topic)
-    asked = claim.qos if claim is not None else None
+    asked = None
+    if claim is not None:
+        asked = claim.qos
     measured = f"{verb} {qos.reliability.upper()}, {qos.durability.upper()}"
     if asked is not None:
         measured += f", depth {asked.depth} in the source"
@@ -185,9 +192,11 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
         where=where,
         notes=_depth_notes(p, asked),
     )
-    if wrong and kind == "subscription" and unheard(context, p.topic) is not None:
-        return cut_off(finding)
-    return finding
+    if not wrong or kind != "subscription":
+        return finding
+    if unheard(context, p.topic) is None:
+        return finding
+    return cut_off(finding)
 
 
 def _wanted_policies(p: QosWanted) -> dict[str, str]:
@@ -235,7 +244,9 @@ def _profile_hint(qos: Qos, wanted: Mapping[str, str], claim: Claim | None) -> s
 
 def _depth_notes(p: QosWanted, asked: Qos | None) -> list[str]:
     """Note a queue depth in the source that is not the lab's."""
-    if asked is None or p.depth is None or asked.depth == p.depth:
+    if asked is None or p.depth is None:
+        return []
+    if asked.depth == p.depth:
         return []
     depth = "left to the middleware" if asked.history == "system_default" else asked.depth
     return [f"The depth is {depth}; the lab asks for {p.depth}."]

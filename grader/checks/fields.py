@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from grader.checks.base import (
@@ -26,7 +25,14 @@ from grader.checks.base import (
 )
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import is_number
-from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded, numeric_stream
+from grader.evidence.recorded import (
+    Booleans,
+    Floats,
+    Integers,
+    NumericStream,
+    Recorded,
+    numeric_stream,
+)
 from grader.lab import references as ref
 from grader.lab.patterns import compiled, search
 from grader.lab.references import Parameters, Pattern, Share
@@ -83,7 +89,9 @@ class InWindow(Parameters):
 
     def span(self, context: Context) -> Span | None:
         """Return the window; None if it is the whole session, or if its step was not reached."""
-        return context.session.window(self.window) if self.window else None
+        if self.window:
+            return context.session.window(self.window)
+        return None
 
 
 class OfMessages(InWindow):
@@ -117,9 +125,7 @@ class OfMessages(InWindow):
             return "every message"
         return f"{percent(self.full_from)} of the messages"
 
-    def due(
-        self, context: Context, times_ns: Integers, first_ns: int, within_s: float
-    ) -> NDArray[np.bool_]:
+    def due(self, context: Context, times_ns: Integers, first_ns: int, within_s: float) -> Booleans:
         """Return which of some messages must be answered: those in the window, or while the node listened.
 
         A node listens from the first message that it answered on, or a bounded time after the first
@@ -139,7 +145,7 @@ class OfMessages(InWindow):
             start_ns = min(first_ns, int(times_ns.min(initial=first_ns)) + LATE_NS)
             span = Span(start_ns, min(_asked_to_end_ns(context)))
         last_ns = span.end_ns - round(within_s * 1e9)
-        due: NDArray[np.bool_] = (times_ns >= span.start_ns) & (times_ns <= last_ns)
+        due: Booleans = (times_ns >= span.start_ns) & (times_ns <= last_ns)
         return due
 
     def chosen(self, context: Context, topic: str) -> list[int]:
@@ -170,7 +176,8 @@ def _asked_to_end_ns(context: Context) -> list[int]:
     for run in context.session.students:
         if run.interrupted_ns:
             asked.append(run.interrupted_ns)
-        if run.exited_ns and (run.ended_by == "kill" or run.name in awaited):
+        was_asked = run.ended_by == "kill" or run.name in awaited
+        if run.exited_ns and was_asked:
             asked.append(run.exited_ns)
     return asked
 
@@ -276,21 +283,27 @@ class _Excesses:
     #: float64[n]: Change per second before each message if it is too fast, else 0.
     rates: Floats
     #: bool[n]: Whether a late publication may explain the rate.
-    late: NDArray[np.bool_]
+    late: Booleans
 
     @property
-    def bad(self) -> NDArray[np.bool_]:
+    def bad(self) -> Booleans:
         """Which messages are wrong."""
-        found: NDArray[np.bool_] = (self.values > 0) | (self.rates > 0)
+        found: Booleans = (self.values > 0) | (self.rates > 0)
         return found
 
     @property
-    def surely_bad(self) -> NDArray[np.bool_]:
+    def surely_bad(self) -> Booleans:
         """Which messages are wrong, whatever the machine did."""
         is_beyond = self.values > 0
         is_too_fast = self.rates > 0
-        found: NDArray[np.bool_] = is_beyond | (is_too_fast & ~self.late)
+        found: Booleans = is_beyond | (is_too_fast & ~self.late)
         return found
+
+    @property
+    def most_right(self) -> float:
+        """Greatest share of right messages that the machine's delays allow."""
+        right = ~self.surely_bad
+        return float(right.mean())
 
     @property
     def worst(self) -> int:
@@ -300,6 +313,18 @@ class _Excesses:
             excesses = self.rates
         return int(np.argmax(excesses))
 
+    def described(self, p: FieldRange, place: int) -> str:
+        """Put the fault of a message in words."""
+        if self.words[place]:
+            return self.words[place]
+        rate = f"{self.rates[place]:.4g} a second"
+        return f"{p.field} changes by {rate}, more than {p.change_per_s}"
+
+
+_CHANGES_DOUBT = (
+    "Not your fault: the grading computer was busy when the numbers seem to change too fast."
+)
+
 
 def field_range(context: Context, p: FieldRange) -> Finding:
     """Judge the share of messages within the limits, and show the worst."""
@@ -307,27 +332,25 @@ def field_range(context: Context, p: FieldRange) -> Finding:
     if not chosen:
         return nothing_came(context, p.topic, p.expected)
     excesses = _excesses(context, p, chosen)
-    bad = excesses.bad
     count = len(chosen)
-    good = count - int(bad.sum())
+    good = count - int(excesses.bad.sum())
     worst = excesses.worst
     worst_ns = int(context.session.stream(p.topic).source_ns[chosen[worst]])
     at_s, span = moment(context, p.topic, worst_ns)
-    what = excesses.words[worst]
-    if not what:
-        rate = f"{excesses.rates[worst]:.4g} a second"
-        what = f"{p.field} changes by {rate}, more than {p.change_per_s}"
-    reason = f"At {at_s:.2f} s {what}."
+    reason = f"At {at_s:.2f} s {excesses.described(p, worst)}."
     if count - good > 1:
         reason += f" So it is in {count - good} messages."
+    where = context.location(p.topic, span)
+    if good == count:
+        where = context.location(p.topic, p.span(context))
     return graded(
         p.credit(good / count),
         p.expected,
         f"{good} of {count} messages",
         reason,
-        where=(context.location(p.topic, span if good < count else p.span(context)),),
-        best=p.credit(float((~excesses.surely_bad).mean())),
-        doubt="Not your fault: the grading computer was busy when the numbers seem to change too fast.",
+        where=(where,),
+        best=p.credit(excesses.most_right),
+        doubt=_CHANGES_DOUBT,
     )
 
 
@@ -387,7 +410,9 @@ def _outside(name: str, value: float, least: float, most: float) -> str:
 
 
 def _in_field(p: FieldRange) -> str:
-    return f" in {p.field}" if p.pattern is None else ""
+    if p.pattern is None:
+        return f" in {p.field}"
+    return ""
 
 
 def _element(p: NumbersOf, row: Floats, index: int) -> str:
@@ -399,9 +424,7 @@ def _element(p: NumbersOf, row: Floats, index: int) -> str:
     return f"{p.field}[{index}]"
 
 
-def _too_fast(
-    context: Context, p: FieldRange, chosen: Sequence[int]
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _too_fast(context: Context, p: FieldRange, chosen: Sequence[int]) -> tuple[Floats, Booleans]:
     """Return the change per second before each message if it is too fast, else 0, and where it is unsure.
 
     It is unsure if the machine delayed a process since the previous message, because numbers that
@@ -438,11 +461,11 @@ class Between(Parameters):
     low: float | None = Field(None, description="Least value.")
     high: float | None = Field(None, description="Greatest value.")
 
-    def hold(self, numbers: Floats) -> NDArray[np.bool_]:
+    def hold(self, numbers: Floats) -> Booleans:
         """Return which numbers lie within them."""
         low = _of_limit(self.low, -np.inf)
         high = _of_limit(self.high, np.inf)
-        found: NDArray[np.bool_] = (numbers >= low) & (numbers <= high)
+        found: Booleans = (numbers >= low) & (numbers <= high)
         return found
 
     def __str__(self) -> str:
@@ -536,12 +559,15 @@ def _order_share(p: FieldMatches, came: int) -> float:
     """Return the share of credit that is left after so many patterns came in order."""
     if came == len(p.in_order):
         return 1.0
-    return 1 - p.order_costs * (1 - came / len(p.in_order))
+    missing = 1 - came / len(p.in_order)
+    return 1 - p.order_costs * missing
 
 
 def _not_in_order(p: FieldMatches, came: int) -> str:
     """Say which pattern does not come after the previous one."""
-    after = f" after '{p.in_order[came - 1]}'" if came else ""
+    after = ""
+    if came:
+        after = f" after '{p.in_order[came - 1]}'"
     return f"'{p.in_order[came]}' does not come{after}."
 
 
@@ -551,12 +577,16 @@ def _written(value: Any) -> str | None:
         return value[:_MOST_TEXT]
     if isinstance(value, (float, np.floating)):
         return f"{value:g}"
-    return str(int(value)) if is_number(value) else None
+    if is_number(value):
+        return str(int(value))
+    return None
 
 
 def _mismatch(p: FieldMatches, text: str | None) -> str:
     """Say how a text differs from the required form; empty if it does not."""
-    found = search(p.pattern, text) if text is not None else None
+    found = None
+    if text is not None:
+        found = search(p.pattern, text)
     if found is None:
         return f"the message is {(text or '')[:100]!r}"
     for name, limits in p.numbers.items():

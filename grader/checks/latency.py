@@ -86,7 +86,11 @@ class MessageLatency(OfMessages):
         if self.match == "stamp":
             return context.session.stamps_ns(end.topic)
         values = context.session.stream(end.topic).field(end.field or "")
-        return [value if isinstance(value, str) or is_number(value) else None for value in values]
+        keys: list[object] = []
+        for value in values:
+            is_key = isinstance(value, str) or is_number(value)
+            keys.append(value if is_key else None)
+        return keys
 
     @property
     def expected(self) -> str:

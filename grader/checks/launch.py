@@ -29,9 +29,13 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.fields import NumbersOf
+from grader.checks.package import build_cause
 from grader.checks.preconditions import environment_gap_of
 from grader.checks.service import parameter_cause
+from grader.evidence.build_faults import build_fault, placement_fault, start_fault
+from grader.evidence.compiled import not_assessable, unbuilt_programs, why_not_built
 from grader.evidence.cpu_delay import Span
+from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.environment_gap import absent_module
 from grader.evidence.newer_python import python_needed
 from grader.evidence.recorded import Floats, NumericStream, clock_step_s
@@ -61,7 +65,9 @@ def _read_plan(plain: Any) -> Plan:
 def plan_of(context: Context, step: str) -> Plan:
     """Return the plan that a step made of the launch file, or one of nothing if it was not reached."""
     run = context.session.step(step)
-    return _read_plan(None if run is None else PlanResult.of(run).plan)
+    if run is None:
+        return _read_plan(None)
+    return _read_plan(PlanResult.of(run).plan)
 
 
 def worked_around(context: Context, step: str, *kinds: str) -> list[Repair]:
@@ -98,6 +104,11 @@ class LaunchLoads(Parameters):
     not_installed_costs: Share = Field(
         0.0, description="Cost of a file that its package's build does not install."
     )
+    unbuilt_rest: Share = Field(
+        0.9,
+        description="The same share if only a package has a mistake: it does not build, or `ros2 launch` cannot start its "
+        "executables.",
+    )
 
 
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
@@ -115,14 +126,24 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if problem is not None:
         noted.append(repair_of(problem))
     faults = [each for each in noted if not _excuse(context, each)]
+    undecided = _compiled_programs(context, noted)
+    if problem is not None and faults:
+        undecided = undecided or _not_assessable(context, plan, problem)
+    where = _at(context, problem)
+    if undecided:
+        measured = problem.message if problem is not None else "a compiled program"
+        return inconclusive(expected, measured, undecided, where=where, retry=False)
     if not faults:
         return _loads(context, p, expected, plan, noted)
     if problem is None:
         return _repaired(faults, expected, p.repaired_rest)
-    where = _at(context, problem)
-    undecided = _not_assessable(context, plan, problem)
-    if undecided:
-        return inconclusive(expected, problem.message, undecided, where=where, retry=False)
+    return _stopped(p, expected, plan, problem, where)
+
+
+def _stopped(
+    p: LaunchLoads, expected: str, plan: Plan, problem: Problem, where: tuple[Location, ...]
+) -> Finding:
+    """State the mistake that ends the evaluation of a launch file."""
     reason = _capitalised(problem.message)
     if problem.file and problem.line:
         reason += f" ({problem.file}, line {problem.line})"
@@ -136,27 +157,32 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
 def _loads(
     context: Context, p: LaunchLoads, expected: str, plan: Plan, noted: Sequence[Repair]
 ) -> Finding:
-    """State that a launch file can be evaluated, and whether its package installs it."""
+    """State that a launch file can be evaluated, and the mistakes of its packages."""
+    packages = _package_faults(context, p.artifact, plan)
+    if packages:
+        found = _repaired(list(packages.values()), expected, p.unbuilt_rest)
+        return context.charge(found, next(iter(packages)))
     measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
     notes = [_excuse(context, each) for each in noted]
     for warning in plan.warnings:
-        at = f" ({warning.file}:{warning.line})" if warning.file else ""
+        at = ""
+        if warning.file:
+            at = f" ({warning.file}:{warning.line})"
         notes.append(f"{warning.message}{at}")
     notes += _silent(plan)
     package = _leaves_out(context, p.artifact)
     if package is None:
         where = _at(context, plan.problem)
         return passed(expected, measured, where=where, notes=notes)
-    build = "setup.py" if package.build_type == "ament_python" else "CMakeLists.txt"
-    return graded(
-        1 - p.not_installed_costs,
-        expected,
-        measured,
-        f"The package {package.name} does not install it, so that `ros2 launch` finds it by its path only.",
-        hint=f"Install it in {build}, as the remark about the package says.",
-        where=(Location(file=f"{package.path}/{build}".lstrip("/")),),
-        notes=notes,
-    )
+    build = "CMakeLists.txt"
+    if package.build_type == "ament_python":
+        build = "setup.py"
+    reason = f"The package {package.name} does not install it, so that `ros2 launch` finds it by its path only."
+    hint = f"Install it in {build}, as the remark about the package says."
+    path = f"{package.path}/{build}".lstrip("/")
+    where = (Location(file=path),)
+    share = 1 - p.not_installed_costs
+    return graded(share, expected, measured, reason, hint=hint, where=where, notes=notes)
 
 
 def _not_assessable(context: Context, plan: Plan, problem: Problem) -> str:
@@ -178,15 +204,60 @@ def _not_assessable(context: Context, plan: Plan, problem: Problem) -> str:
 
 def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
     """Return the package that holds an artifact's file and surely does not install it, if one does."""
+    owner = _owner(context, artifact)
+    if owner is None or owner.shared is None:
+        return None
+    return None if context.path_of(artifact) in owner.shared.values() else owner
+
+
+def _owner(context: Context, artifact: str) -> PackageFact | None:
+    """Return the package in whose folder an artifact's file lies."""
     path = context.path_of(artifact) or ""
     owners = []
     for package in context.submission.packages:
         if path.startswith(f"{package.path}/".lstrip("/")):
             owners.append(package)
-    owner = max(owners, key=lambda package: len(package.path), default=None)
-    if owner is None or owner.shared is None:
-        return None
-    return None if path in owner.shared.values() else owner
+    return max(owners, key=lambda package: len(package.path), default=None)
+
+
+def _compiled_programs(context: Context, noted: Sequence[Repair]) -> str:
+    """Say that a program of the launch file is compiled and was not built here; empty without such a program."""
+    programs = unbuilt_programs(context.submission)
+    for each in noted:
+        if each.kind != "unknown_executable":
+            continue
+        for name, package in programs.items():
+            if f"'{name}'" in each.message or "$" in name:
+                return not_assessable(context.submission, package, name)
+    return ""
+
+
+def _package_faults(context: Context, artifact: str, plan: Plan) -> dict[str, Repair]:
+    """Return the faults of the packages that a launch file names or belongs to, by their causes.
+
+    `ros2 launch` needs these packages built, with executables that Linux can start.
+    """
+    owner = _owner(context, artifact)
+    texts = context.submission.texts
+    found = {}
+    for package in context.submission.packages:
+        named = [each.executable for each in plan.processes if each.package == package.name]
+        if not named and package != owner:
+            continue
+        build = context.submission.build_of(package)
+        fault = None
+        if build is not None and not why_not_built(build):
+            fault = build_fault(package, build, texts) or placement_fault(package, build)
+        if fault is None:
+            fault = start_fault(package, build, texts, filter(None, named))
+        if fault is not None:
+            found[build_cause(package)] = Repair(
+                "package", fault.message, fault.file, fault.line, fault.remedy, _AS_MEANT
+            )
+    return found
+
+
+_AS_MEANT = "the package was installed as its build files intend"
 
 
 def _excuse(context: Context, noted: Repair) -> str:
@@ -211,13 +282,10 @@ def _repaired(faults: Sequence[Repair], expected: str, rest: float) -> Finding:
     messages = dict.fromkeys(_capitalised(noted.message) for noted in faults)
     remedies = dict.fromkeys(noted.remedy for noted in faults)
     stops = f"{' '.join(messages)} `ros2 launch` stops there."
-    finding = failed(
-        expected,
-        "it stops with an error",
-        f"{stops} To judge the rest, it was repaired on a copy{done}.",
-        hint=" ".join(remedies),
-        where=[Location(file=each.file, line=each.line) for each in faults if each.file],
-    )
+    reason = f"{stops} To judge the rest, it was repaired on a copy{done}."
+    hint = " ".join(remedies)
+    where = [Location(file=each.file, line=each.line) for each in faults if each.file]
+    finding = failed(expected, "it stops with an error", reason, hint=hint, where=where)
     return replace(finding, passes_on=credit_of(rest) or None)
 
 
@@ -232,7 +300,8 @@ def _silent(plan: Plan) -> list[str]:
     names = []
     places = []
     for process in plan.processes:
-        if process.output == "log" and process.kind != "executable" and not process.absent:
+        is_node = process.kind != "executable" and not process.absent
+        if is_node and process.output == "log":
             names.append(process.called or process.runs)
             if process.file:
                 places.append(f"{process.file}:{process.line}")
@@ -241,15 +310,21 @@ def _silent(plan: Plan) -> list[str]:
     different = list(dict.fromkeys(names))
     verb = "prints" if len(different) == 1 else "print"
     goes = f"What {', '.join(different)} {verb} goes into a log file and not to the screen"
-    at = f" ({', '.join(dict.fromkeys(places))})" if places else ""
+    at = ""
+    if places:
+        at = f" ({', '.join(dict.fromkeys(places))})"
     return [f"{goes}; output='screen' shows it{at}."]
 
 
 def _capitalised(message: str) -> str:
     """Return a message as a sentence; a name at its beginning stays as it is."""
     first = message.split(" ", 1)[0]
-    text = message[:1].upper() + message[1:] if first.isalpha() else message
-    return text if text.endswith((".", "?", "!")) else text + "."
+    text = message
+    if first.isalpha():
+        text = message[:1].upper() + message[1:]
+    if text.endswith((".", "?", "!")):
+        return text
+    return f"{text}."
 
 
 class WantedArgument(Parameters):
@@ -314,7 +389,10 @@ def _judge_default(got: Argument, wanted: WantedArgument, p: LaunchArguments) ->
     where = (Location(file=got.file, line=got.line),)
     if got.default is not None and _same(got.default, wanted.default):
         return Part(1.0, where=where)
-    default = "no default" if got.default is None else f"the default {got.default!r}"
+    if got.default is None:
+        default = "no default"
+    else:
+        default = f"the default {got.default!r}"
     reason = f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
     return Part(p.other_default_credit, "", reason, where=where)
 
@@ -468,7 +546,8 @@ def _has_components(plan: Plan) -> bool:
 def _less_for_missing(parts: list[Part], down_costs: float) -> list[Part]:
     """Return the parts, all with less credit if a node surely does not run."""
     mean = sum(part.share for part in parts) / len(parts)
-    is_down = any(part.share == 0.0 and part.best is None for part in parts)
+    lost = [part for part in parts if part.share == 0.0]
+    is_down = any(part.best is None for part in lost)
     if not mean or not is_down:
         return parts
     kept = min(1.0, (1 - down_costs) / mean)
@@ -480,7 +559,9 @@ def _nodes_up(context: Context, plan: Plan) -> str:
     shown = []
     for node in context.session.nodes:
         if node not in context.reference_nodes:
-            ended = " (ended)" if _died(context, _entry_for(context, plan, node)) else ""
+            ended = ""
+            if _died(context, _entry_for(context, plan, node)):
+                ended = " (ended)"
             shown.append(f"{node}{ended}")
     return ", ".join(shown)
 
@@ -548,8 +629,7 @@ def _charged_once(
 
 def _parameter_cause(context: Context, entry: Process, wanted: WantedNode) -> str | None:
     """Name the mistake of a parameter's type, if that ended a launched node; None for another end."""
-    run = context.session.process(entry.id)
-    found = context.explain(run) if run is not None else None
+    found = _diagnosis(context, entry)
     if found is None or found.kind != "parameter-type":
         return None
     return parameter_cause(wanted.node, found.subject)
@@ -557,9 +637,16 @@ def _parameter_cause(context: Context, entry: Process, wanted: WantedNode) -> st
 
 def _environment_gap(context: Context, entry: Process, wanted: WantedNode) -> str | None:
     """Name the requirement of a launched node that is missing on the grading computer."""
-    run = context.session.process(entry.id)
-    found = context.explain(run) if run is not None else None
+    found = _diagnosis(context, entry)
     return environment_gap_of(context, wanted.artifact, found)
+
+
+def _diagnosis(context: Context, entry: Process) -> Diagnosis | None:
+    """Explain the end of a launched process; None if it was not started, or if its output explains nothing."""
+    run = context.session.process(entry.id)
+    if run is None:
+        return None
+    return context.explain(run)
 
 
 def _other_name(context: Context, entry: Process, wanted: WantedNode) -> str | None:
@@ -577,7 +664,7 @@ def _died(context: Context, entry: Process | None) -> bool:
     if entry is None or entry.respawn:
         return False
     run = context.session.process(entry.id)
-    return run is not None and run.exited_ns is not None and run.interrupted_ns is None
+    return run is not None and run.ended_unasked
 
 
 def _chargers(context: Context, entry: Process, wanted: WantedNode) -> list[str | None]:
@@ -586,13 +673,20 @@ def _chargers(context: Context, entry: Process, wanted: WantedNode) -> list[str 
     if entry.called in (_short(wanted.node), None):
         by.append(wanted.charged_by)
     run = context.session.process(entry.id)
-    end = _end_of(context, run) if run is not None else None
-    ends_alone = _ends_alone(context, wanted) if end is not None else {}
+    end = None
+    if run is not None:
+        end = _end_of(context, run)
+    ends_alone: dict[str, list[_End]] = {}
+    if end is not None:
+        ends_alone = _ends_alone(context, wanted)
     by.append(_charged_alone(context, end, ends_alone))
-    found = context.explain(run) if run is not None else None
-    if found is not None and found.kind == "parameter-type":
+    found = _diagnosis(context, entry)
+    if found is None:
+        return by
+    ended_alone = any(map(any, ends_alone.values()))
+    if found.kind == "parameter-type":
         by.append(wanted.types_charged_by)
-    elif found is not None and end is not None and not any(map(any, ends_alone.values())):
+    elif end is not None and not ended_alone:
         by.append(wanted.hears_charged_by)
     return by
 
@@ -625,7 +719,7 @@ def _charged_alone(
 
 def _end_of(context: Context, run: ProcessRun) -> _End:
     """Return the features of a process's end; None if it went on until it was stopped."""
-    if run.exited_ns is None or run.interrupted_ns is not None:
+    if not run.ended_unasked:
         return None
     found = context.explain(run)
     if found is None:
@@ -640,12 +734,14 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     if run is None:
         why = f": {entry.absent}" if entry.absent else ""
         return Part(0.0, "", f"{executable} was not started{why}.", where=(location,))
-    if run.exited_ns is None or run.interrupted_ns is not None:
+    if not run.ended_unasked:
         return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=(location,))
     ended = f"{executable} ended with status {run.exit_status}"
     found = context.explain(run)
     if found is None:
-        shown = f": {run.output[-1].text!r}." if run.output else "."
+        shown = "."
+        if run.output:
+            shown = f": {run.output[-1].text!r}."
         return Part(0.0, "", f"{ended}{shown}", where=(location,))
     if found.kind == "parameter-type" and entry.file:
         location = _parameter_at(context, entry, entry.file, found.subject)
@@ -711,9 +807,10 @@ class LaunchParameters(Parameters):
 
 def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     """Judge values in the running nodes, or in the plan if a node does not declare the parameter."""
-    expected = ", ".join(
-        f"{_short(wanted.node)}.{wanted.name} = {wanted.value!r}" for wanted in p.parameters
-    )
+    values = []
+    for wanted in p.parameters:
+        values.append(f"{_short(wanted.node)}.{wanted.name} = {wanted.value!r}")
+    expected = ", ".join(values)
     plan = plan_of(context, p.step)
     other = plan_of(context, p.other_step)
     left_out = _left_out(context, p.step)
@@ -754,7 +851,10 @@ class _Given:
         """Look a parameter up in the plan and in the running node."""
         planned = entry.effective_parameters(wanted.node).get(wanted.name)
         step = context.session.step(wanted.step)
-        result = GetParametersResult() if step is None else GetParametersResult.of(step)
+        if step is None:
+            result = GetParametersResult()
+        else:
+            result = GetParametersResult.of(step)
         running = result.read.get(wanted.name)
         if running is not None:
             return cls(planned, running.value, False)
@@ -930,7 +1030,10 @@ class TogetherFollows(_Doer):
             return None
         if not self._can_follow(context, command, state):
             return None
-        columns = slice(None) if self.index is None else slice(self.index, self.index + 1)
+        if self.index is None:
+            columns = slice(None)
+        else:
+            columns = slice(self.index, self.index + 1)
         commands = command.values[:, columns]
         if not commands.size or float(np.ptp(commands, axis=0).max()) < _STILL:
             return None
@@ -980,7 +1083,10 @@ class TogetherAnswers(_Doer):
     ) -> Part | None:
         """Judge whether its first call was answered."""
         step = context.session.step(self.step)
-        calls = [] if step is None else CallResult.of(step).calls
+        if step is None:
+            calls = []
+        else:
+            calls = CallResult.of(step).calls
         if calls and calls[0].response is not None:
             return Part(1.0, "the service answers")
         reason = "The service does not answer while all run together."
@@ -1001,6 +1107,11 @@ class LaunchTogether(Parameters):
     answers: TogetherAnswers | None = None
 
     @property
+    def other_domain_costs(self) -> float:
+        """All of the credit: nodes in another ROS domain do not work together with the lab's."""
+        return 1.0
+
+    @property
     def doers(self) -> tuple[_Task, ...]:
         """The parts that are asked for."""
         tasks = (self.commands, self.follows, self.answers)
@@ -1016,9 +1127,13 @@ class LaunchTogether(Parameters):
 def launch_together(context: Context, p: LaunchTogether) -> Finding:
     """Judge the nodes while all run; a node with a fault of its own is left out."""
     expected = ", ".join(doer.expected for doer in p.doers)
-    span = context.session.window(p.commands.window) if p.commands is not None else None
+    span = None
+    if p.commands is not None:
+        span = context.session.window(p.commands.window)
     whole = _whole(context, p, span)
-    delay_s = context.session.longest_delay_s(whole) if whole is not None else 0.0
+    delay_s = 0.0
+    if whole is not None:
+        delay_s = context.session.longest_delay_s(whole)
     length_s = whole.duration_s if whole is not None else 0.0
     late = delay_s > MANY_DELAYS * length_s
     roles = _roles(context, p)
@@ -1081,8 +1196,12 @@ def _roles(context: Context, p: LaunchTogether) -> list[_Role]:
     plan = _read_plan(context.session.record.plan)
     roles = []
     for doer in p.doers:
-        node = context.session.used(doer.node) if doer.node is not None else None
-        process = _entry_for(context, plan, node) if node is not None else None
+        node = None
+        if doer.node is not None:
+            node = context.session.used(doer.node)
+        process = None
+        if node is not None:
+            process = _entry_for(context, plan, node)
         roles.append(_Role(doer, node, process))
     return roles
 

@@ -224,7 +224,9 @@ def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: Sequence[
 
 def _doubted(part: Part, doubt: str) -> Part:
     """Return a part that may earn all if there is a doubt."""
-    return replace(part, best=1.0, doubt=doubt) if doubt else part
+    if doubt:
+        return replace(part, best=1.0, doubt=doubt)
+    return part
 
 
 _EVERYWHERE = "an ordinary publisher publishes in every state."

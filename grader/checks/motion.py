@@ -173,7 +173,8 @@ class Reaches(InWindow, NumbersOf):
             if step is None:
                 return None
             start_ns = step.ended_ns
-        return Span(start_ns, window.end_ns if window is not None else record.ended_ns)
+        end_ns = window.end_ns if window is not None else record.ended_ns
+        return Span(start_ns, end_ns)
 
 
 def reaches(context: Context, p: Reaches) -> Finding:

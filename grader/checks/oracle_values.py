@@ -115,13 +115,17 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
         found: list[int] = []
         for i in index:
             stamp = stamps[i]
-            found.append(-1 if stamp is None else stamp)
+            if stamp is None:
+                stamp = -1
+            found.append(stamp)
         return np.array(found, dtype=np.int64)
 
 
 def _rows(values: Any) -> Floats:
     rows: Floats = np.asarray(values, dtype=np.float64)
-    return rows[:, None] if rows.ndim == 1 else rows
+    if rows.ndim == 1:
+        return rows[:, None]
+    return rows
 
 
 def _asked(rows: Floats) -> Booleans:
@@ -190,7 +194,9 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     odd = len(p.chosen(context, p.topic)) - len(published.values)
     part = _judged(context, p, found, odd)
     where = part.where or (context.location(p.topic, p.span(context)),)
-    mistake = _mistake(context, p, published) if part.share < 1 else None
+    mistake = None
+    if part.share < 1:
+        mistake = _mistake(context, p, published)
     if mistake is not None:
         wrong = failed(expected, part.text, part.reason, where=where)
         return mistake.explains(context, wrong, part.share)

@@ -78,7 +78,9 @@ def find_own(check: OwnCheck, context: base.Context, p: Any) -> Finding:
     try:
         with _bounded():
             function = load_own(*check)
-            seen = Submission(context) if context.recorded is None else Context(context)
+            seen = Submission(context)
+            if context.recorded is not None:
+                seen = Context(context)
             return _checked(function(seen, *built(function, p)))
     except (Exception, SystemExit, _TooLong) as problem:
         reason = f"The lab's own check failed: {describe_failure(problem, check.name)}"
@@ -138,7 +140,9 @@ def _checked(finding: Any) -> Finding:
         raise ValueError(
             "its credit does not fit its outcome; use passed(), failed(), graded() or inconclusive()"
         )
-    settled = finding.settled
+    settled = None
+    if finding.settled is not None:
+        settled = _checked(finding.settled)
     return Finding(
         finding.outcome,
         finding.credit,
@@ -149,7 +153,7 @@ def _checked(finding: Any) -> Finding:
         where=tuple(map(_plain, finding.where)),
         notes=tuple(map(_short, finding.notes)),
         retry=bool(finding.retry),
-        settled=None if settled is None else _checked(settled),
+        settled=settled,
         unexplained=bool(finding.unexplained),
         causes=tuple(map(_short, finding.causes)),
     )

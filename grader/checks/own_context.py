@@ -281,8 +281,9 @@ class Context(Submission):
         stream = session.stream(topic)
         if window is not None:
             span = session.window(window) or Span(0, 0)
-            inside = (stream.received_ns >= span.start_ns) & (stream.received_ns <= span.end_ns)
-            stream = stream.only(inside)
+            is_begun = stream.received_ns >= span.start_ns
+            is_over = stream.received_ns > span.end_ns
+            stream = stream.only(is_begun & ~is_over)
         return Messages(
             stream.topic,
             stream.topic_type,
@@ -421,7 +422,9 @@ class Context(Submission):
         )
 
     def _since_or_none(self, t_ns: int | None) -> float | None:
-        return None if t_ns is None else self._session.since_start_s(t_ns)
+        if t_ns is None:
+            return None
+        return self._session.since_start_s(t_ns)
 
     def delay_s(self, process: str, window: str) -> float:
         """Return the time within a step for which the machine kept a process from a core: 0 on an idle one."""

@@ -74,9 +74,9 @@ class ParameterEffect(Parameters):
 
     @model_validator(mode="after")
     def _is_of_one_kind(self) -> ParameterEffect:
-        are_numbers = not any(isinstance(each, (bool, str)) for each in (self.old, self.new))
-        if self.is_rate and not are_numbers:
-            raise ValueError("a rate is a number of Hz")
+        for value in (self.old, self.new):
+            if self.is_rate and isinstance(value, (bool, str)):
+                raise ValueError("a rate is a number of Hz")
         return self
 
     @property
@@ -93,7 +93,10 @@ class ParameterEffect(Parameters):
 
     def fits(self, value: Any, wanted: Any) -> bool:
         """Tell whether a value is the wanted one, up to the tolerance."""
-        tolerance = self.full_within * abs(wanted) if self.is_rate else self.tolerance
+        if self.is_rate:
+            tolerance = self.full_within * abs(wanted)
+        else:
+            tolerance = self.tolerance
         return equal_within(value, wanted, tolerance)
 
     def measured(self, context: Context, label: str | None) -> Any:
@@ -163,7 +166,9 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     silent = unanswered(context, step, expected)
     if silent is not None:
         return silent
-    refused = None if step is None else SetParametersResult.of(step).refused
+    refused = None
+    if step is not None:
+        refused = SetParametersResult.of(step).refused
     if refused:
         return _could_not_be_set(expected, refused)
     before = p.measured(context, p.before)
@@ -175,7 +180,7 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
         measured += f"; after a restart with it {_shown(observed.restarted)}"
     if observed.after is None:
         return _nothing(context, p, expected, measured)
-    where = (context.location(p.topic, context.session.window(p.after) if p.topic else None),)
+    where = (_location_after(context, p),)
     if p.is_rate:
         finding = replace(_rate(context, p), expected=expected, measured=measured)
     elif p.fits(observed.after, p.new):
@@ -257,20 +262,25 @@ def _possible(
 
     For a rate these are the measured one, the highest possible one, and the one nearest to another.
     """
-    span = context.session.window(label) if label is not None else None
+    span = None
+    if label is not None:
+        span = context.session.window(label)
     if not p.is_rate or span is None or value is None:
         return [value]
     most = without_delay(value, context.session.longest_delay_s(span), span.duration_s)
-    return [value, most, min(max(value, float(other)), most)]
+    nearest = min(max(value, float(other)), most)
+    return [value, most, nearest]
 
 
 def _mistake(p: ParameterEffect, observed: _Observed) -> _Mistake:
     """Return the known mistake that explains some values; its reason is empty if there is none."""
     before = observed.before
     after = observed.after
-    if p.old != p.new and before is not None and p.fits(after, before):
+    if before is None:
+        return _Mistake(0.0, "")
+    if p.old != p.new and p.fits(after, before):
         return _unchanged(p, observed)
-    if p.is_rate and before is not None and p.fits(after, before + float(p.new)):
+    if p.is_rate and p.fits(after, before + float(p.new)):
         reason = "The old timer runs on beside the new one, so that their rates add up."
         return _Mistake(0.0, reason, _TIMER_HINT)
     return _Mistake(0.0, "")
@@ -303,6 +313,14 @@ def _rate(context: Context, p: ParameterEffect) -> Finding:
     limits = {"full_within": p.full_within, "zero_beyond": p.zero_beyond}
     asked = {"topic": p.topic, "process": p.process, "window": p.after, "rate_hz": float(p.new)}
     return topic_rate(context, TopicRate.model_validate({**asked, **limits}))
+
+
+def _location_after(context: Context, p: ParameterEffect) -> Location:
+    """Point at the topic after the change; at the whole session if the effect is not on a topic."""
+    span = None
+    if p.topic:
+        span = context.session.window(p.after)
+    return context.location(p.topic, span)
 
 
 def _nothing(context: Context, p: ParameterEffect, expected: str, measured: str) -> Finding:
@@ -350,7 +368,10 @@ class ParameterRejected(Parameters):
 def parameter_rejected(context: Context, p: ParameterRejected) -> Finding:
     """Judge refusals by the node's answer, and by its values before and after."""
     step = context.session.step(p.step)
-    wanted = {} if step is None else SetParametersStep.given(step).values
+    if step is None:
+        wanted = {}
+    else:
+        wanted = SetParametersStep.given(step).values
     values = ", ".join(f"{name} = {value!r}" for name, value in wanted.items())
     expected = f"refuses {values}, and keeps what it has"
     silent = unanswered(context, step, expected)
@@ -375,9 +396,10 @@ def _refusal(p: ParameterRejected, name: str, value: Any, result: SetParametersR
         reason = f"{name} accepts {value!r}."
         return Part(0.0, f"{name} was set to {value!r}", reason, hint=_REFUSE_HINT)
     why = str(refused[name])[:_MOST_SHOWN]
-    text = f"{name}: refused ({why or 'no reason'}), then {_shown(after.get(name))}"
+    now = _shown(after.get(name))
+    text = f"{name}: refused ({why or 'no reason'}), then {now}"
     if before[name] != after.get(name):
-        changed = f"{name} was {_shown(before[name])}, and is {_shown(after.get(name))}"
+        changed = f"{name} was {_shown(before[name])}, and is {now}"
         return Part(p.changed_credit, text, f"{changed} after it refused {value!r}.")
     if not why.strip():
         reason = f"{name} refuses {value!r} without a reason."

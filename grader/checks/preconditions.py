@@ -9,6 +9,7 @@ from typing import Any
 from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
 from grader.checks.situation import Measurement, Situation
+from grader.evidence.compiled import unbuilt_program_for
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
@@ -33,12 +34,15 @@ def missing_file(measurement: Measurement) -> Finding | None:
 def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
     """State that an artifact's file is missing, and why one of its name was not extracted.
 
-    None if the file is there.
+    A compiled program that cannot be built here leaves the check to a person. None if the file is there.
     """
     if artifact is None or context.path_of(artifact) is not None:
         return None
     fact = context.submission.artifact(artifact)
     name = fact.expected if fact else artifact
+    unbuilt = unbuilt_program_for(context.submission, name)
+    if unbuilt:
+        return inconclusive(f"a file {name}", "a compiled program", unbuilt, retry=False)
     reason = f"There is no {name} in the submission."
     for note in context.submission.left_out:
         path = PurePosixPath(note.partition(": ")[0])

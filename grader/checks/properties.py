@@ -105,7 +105,7 @@ class SignalProperty(InWindow):
             self.read()
         except ValueError as problem:
             raise mistakes_at([(("property",), str(problem))]) from problem
-        if (self.none_below if self.none_below is not None else -np.inf) >= self.full_from:
+        if self.none_below is not None and self.none_below >= self.full_from:
             raise mistakes_at([(("none_below",), "must be less than full_from")])
         return self
 
@@ -129,7 +129,9 @@ def signal_property(context: Context, p: SignalProperty) -> Finding:
     length_ns = span.end_ns - span.start_ns
     step_ns = round(max(p.step_s * 1e9, length_ns / _MOST_STEPS))
     times_ns = np.arange(span.start_ns, span.end_ns + 1, step_ns, dtype=np.int64)
-    signals = {name: p.signals[name].at(stream, times_ns) for name, stream in streams.items()}
+    signals = {}
+    for name, stream in streams.items():
+        signals[name] = p.signals[name].at(stream, times_ns)
     try:
         found = p.read().robustness(signals, step_ns / 1e9)
     except TooShortError:
@@ -163,9 +165,11 @@ def _judged(
     """
     topic = next(iter(p.signals.values())).topic
     at_s, here = moment(context, topic, worst_ns)
-    shown = ", ".join(f"{name} = {values[found.worst]:.4g}" for name, values in signals.items())
+    shown = []
+    for name, values in signals.items():
+        shown.append(f"{name} = {values[found.worst]:.4g}")
     measured = "holds" if found.value > 0 else "missed"
-    measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {shown}"
+    measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {', '.join(shown)}"
     where = (context.location(topic, here),)
     share = _share(p, found.value)
     if share == 1.0 and found.never:
@@ -173,7 +177,9 @@ def _judged(
         return graded(p.vacuous_credit, p.property, measured, reason, where=where, notes=(reason,))
     about = Span(here.start_ns - _ABOUT_NS, here.end_ns + _ABOUT_NS)
     delay_s = context.session.longest_delay_s(about)
-    best = 1.0 if delay_s > _MANY_DELAYS * about.duration_s else share
+    best = share
+    if delay_s > _MANY_DELAYS * about.duration_s:
+        best = 1.0
     reason = f"The property does not hold at {at_s:.2f} s: {shown}."
     doubt = cpu_delay_doubt(delay_s, about.duration_s)
     return graded(share, p.property, measured, reason, where=where, best=best, doubt=doubt)

@@ -50,6 +50,10 @@ class TopicPublished(OfEndpoint):
     artifact: ref.Artifact
     topic: ref.RosName
     type: ref.MessageType
+    silent_credit: Share = Field(
+        0.0,
+        description="Credit of a publisher in the graph that sends nothing, while its program runs.",
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the publisher."""
@@ -74,7 +78,7 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     # One right type does not make up for a wrong one.
     found_type = _first_other(types, p.type)
     if not count:
-        return _never_sent(context, expected, used, found_type)
+        return _never_sent(context, p, expected, endpoints)
     measured = f"{count} messages of type {found_type} on {used}"
     if _was_cut_short(context, used):
         measured = f"at least {measured}"
@@ -115,11 +119,29 @@ def _first_other(types: Sequence[str], wanted: str) -> str:
     return wanted
 
 
-def _never_sent(context: Context, expected: str, used: str, found_type: str) -> Finding:
-    """State that a publisher exists and sent nothing."""
-    reason = f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
+def _never_sent(
+    context: Context, p: TopicPublished, expected: str, endpoints: Sequence[Endpoint]
+) -> Finding:
+    """State that a publisher exists and sent nothing.
+
+    If its program ran on, the publisher was not in the graph by chance: it earns a part, and other checks can rely on it.
+    """
+    used = context.session.used(p.topic)
+    found_type = _first_other([endpoint.type for endpoint in endpoints], p.type)
+    reason = f"The publisher on {used} exists, but no message from it arrived.{_by_timer(_timers(context))}"
     measured = f"{found_type} on {used}, 0 messages"
-    return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
+    if not _ran_on(context, p.artifact):
+        return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
+    part = Part(p.silent_credit, measured, reason, hint=_NO_TIMER_HINT)
+    costs = _publisher_costs(context, p, endpoints, found_type)
+    silent = of_parts(expected, [part], costs=costs, where=(context.location(p.topic),))
+    return unexplained(replace(silent, is_silent=True))
+
+
+def _ran_on(context: Context, artifact: str) -> bool:
+    """Tell whether the last process of an artifact ran until it was interrupted."""
+    runs = context.session.processes_of(artifact)
+    return bool(runs) and runs[-1].interrupted_ns is not None
 
 
 def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> str:
@@ -183,7 +205,7 @@ class _Timed(Parameters):
         timing = timing_of(session.stream(self.topic), span)
         if span is None:
             return _Measurement(timing, None)
-        run = session.process(self.process)
+        run = self.run(context)
         delay_s = session.machine_delay_s(run, span) if run is not None else 0.0
         recorder_delay_s = session.recorder_delay_s(span)
         delays = _delays_on_the_way(context, run)
@@ -193,6 +215,12 @@ class _Timed(Parameters):
         method = " by times of arrival, as the time stamps are not the times of publication"
         return _Measurement(timing.arrived, span, delay_s + recorder_delay_s, method)
 
+    def run(self, context: Context) -> ProcessRun | None:
+        """Return the process that publishes: by its name, or in another session by its call for the publisher."""
+        run = context.session.process(self.process)
+        claim = claim_of(context, "publisher", self.topic) if run is None else None
+        return context.session.process(claim.process) if claim is not None else run
+
     def calm(
         self, context: Context, measurement: _Measurement, timing: Timing, harmless_s: float
     ) -> Calm | None:
@@ -200,7 +228,7 @@ class _Timed(Parameters):
 
         None too if too few intervals remain, or if the method of measurement cannot tell them apart.
         """
-        run = context.session.process(self.process)
+        run = self.run(context)
         if run is None or run.disturbed is None:
             return None
         if measurement.method or timing.burst_error_hz is not None:
@@ -398,7 +426,7 @@ def _rate_between(
 ) -> _Rate:
     """Return the bounds of the rate, narrowed by undisturbed intervals if there are enough."""
     length_s = _length_s(timing, measurement.span)
-    run = context.session.process(p.process)
+    run = p.run(context)
     before_s = _delay_before_s(context, run, measurement.span)
     bounds_hz = _bounds_hz(timing, length_s, measurement.delay_s, before_s, p.rate_hz)
     ends_error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)

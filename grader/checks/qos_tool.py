@@ -45,7 +45,9 @@ def _unheard(context: Context, topic: str) -> str:
     requests = student_endpoints(context, topic, "subscription")
     if not requests:
         return f"Nothing subscribes to {topic}."
-    policy = clash(requests[0], offers[0].qos) if offers else None
+    policy = None
+    if offers:
+        policy = clash(requests[0], offers[0].qos)
     if policy is None:
         return ""
     return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
@@ -80,7 +82,9 @@ def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
     sequence = stream.sequence
     if until_ns is not None:
         sequence = sequence[stream.source_ns <= until_ns]
-    return int(sequence.max()) if len(sequence) else 0
+    if len(sequence):
+        return int(sequence.max())
+    return 0
 
 
 class Row(Parameters):
@@ -135,9 +139,14 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     if constants:
         return _all_constants(expected, constants)
     run = context.session.process(p.artifact)
-    delay = _delay_of(context, run) if run is not None else _Delay(0.0, 1.0)
+    if run is not None:
+        delay = _delay_of(context, run)
+    else:
+        delay = _Delay(0.0, 1.0)
     parts = [_judge_reported(context, p, row, claims[row.name], delay) for row in rows]
-    measured = "" if any(part.text for part in parts) else "no results"
+    measured = "no results"
+    if any(part.text for part in parts):
+        measured = ""
     where = (context.output_of(p.artifact),)
     finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.doubt)
     finding = _explained_by_lambda(context, p, finding, printed)
@@ -151,7 +160,9 @@ def _explained_by_lambda(
     path = context.path_of(p.artifact) or ""
     late = late_lambda(context.submission.texts.get(path, ""))
     counting = [row for row in printed if row.count]
-    if late is None or len(printed) < 2 or len(counting) != 1:
+    if late is None:
+        return finding
+    if len(printed) < 2 or len(counting) != 1:
         return finding
     line, name = late
     reason = f"{finding.reason} All callbacks count for one row: the lambda in line {line} is called after the loop, and "
@@ -206,7 +217,10 @@ def _judge_reported(
     worst = _worst_lateness(context, run, usual, written * delay.delay_s / delay.length_s)
     share, reason = _judge_row(context, p, row, claim, written, usual)
     best, _ = _judge_row(context, p, row, claim, written, worst)
-    latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
+    if claim.mean_s is None:
+        latency = "no latency"
+    else:
+        latency = f"{claim.mean_s * 1e3:.2f} ms"
     text = f"{row.name} {claim.count} of {written}, {latency}"
     hint = ""
     if "incompatible" in reason:
@@ -284,7 +298,9 @@ def _written_beforehand(
     latencies: set[float] = set()
     for claim in claims:
         latencies.update(value for value in (claim.mean_s, claim.max_s) if value)
-    if len(latencies) < _LEAST_LATENCIES or not all(claim.count in held for claim in claims):
+    if len(latencies) < _LEAST_LATENCIES:
+        return []
+    if not all(claim.count in held for claim in claims):
         return []
     for unit in _UNITS:
         places = [_line_of(value * unit, held) for value in latencies]
@@ -350,7 +366,9 @@ def _unheld(context: Context, run: ProcessRun, topic: str) -> float:
     As many may be missing in a true count. One message may have come just as the node began to wait.
     """
     claim = claim_of(context, "subscription", topic)
-    depth = claim.qos.depth if claim is not None and claim.qos is not None else 1
+    depth = 1
+    if claim is not None and claim.qos is not None:
+        depth = claim.qos.depth
     times = context.session.stream(topic).source_ns
     if len(times) < 2:
         return 0.0
@@ -434,7 +452,9 @@ def _latency_problem(
 
 def _is_possible(got: ResultRow, mean_s: float, least_s: float, most_s: float) -> bool:
     """Tell whether a mean latency lies between two bounds, and not above the largest one."""
-    if mean_s < 0 or (got.max_s is not None and mean_s > got.max_s + 1e-5):
+    if mean_s < 0:
+        return False
+    if got.max_s is not None and mean_s > got.max_s + 1e-5:
         return False
     return least_s - got.rounding_s <= mean_s <= most_s + got.rounding_s
 

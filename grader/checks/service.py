@@ -58,7 +58,9 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
         fallback = f"The service {p.service} did not appear, nor one of a similar name. A client would wait forever."
         return unexplained(failed(expected, "no service in the graph", fallback))
     offer = next((each for each in offers if each.type == p.type), offers[0])
-    costs = p.faults("service", (p.service, p.type), (offer.name, offer.type), [offer.node])
+    wanted = (p.service, p.type)
+    found = (offer.name, offer.type)
+    costs = p.faults("service", wanted, found, [offer.node])
     costs += p.node_faults([offer.node])
     measured = f"{offer.name} of type {offer.type}, from {offer.node}"
     source = claimed_at(claim_of(context, "service", p.service))
@@ -155,12 +157,14 @@ def problem_of(step: StepRun | None) -> str:
     calls = _calls(step)
     if calls:
         return f"No answer came within {_latency_s(calls[0]):.1f} s."
-    return f"The call could not be made{_problem_said(step)}."
+    return f"The call could not be made{problem_said(step)}."
 
 
-def _problem_said(step: StepRun | None) -> str:
+def problem_said(step: StepRun | None) -> str:
     """Return the problem that a step reports, after a colon; empty if there is none."""
-    problem = "" if step is None else StepResult.of(step).problem
+    if step is None:
+        return ""
+    problem = StepResult.of(step).problem
     return f": {problem}" if problem else ""
 
 
@@ -190,9 +194,13 @@ def not_asked(context: Context, step: StepRun | None, kind: str) -> str:
 
     Empty if it was called by its own name.
     """
-    name = step.parameters.get(kind) if step is not None else None
+    name = None
+    if step is not None:
+        name = step.parameters.get(kind)
     used = context.session.used(str(name))
-    if name is None or used == name or _awaited(context, kind, name):
+    if name is None or used == name:
+        return ""
+    if _awaited(context, kind, name):
         return ""
     return f"it was called as {name}, and yours is named {used}"
 
@@ -223,7 +231,9 @@ def earlier_silence(context: Context, step: StepRun | None, expected: str) -> Fi
 def _steps_before(context: Context, step: StepRun | None) -> Sequence[StepRun]:
     """Return the steps before a step, or all steps if it was not reached."""
     steps = context.session.record.steps
-    return steps[: steps.index(step)] if step is not None else steps
+    if step is not None:
+        return steps[: steps.index(step)]
+    return steps
 
 
 THEN_THESE = "Fix that, and these points can be earned too."
@@ -281,7 +291,10 @@ class _Answered:
 def call_answered(context: Context, p: CallAnswered) -> Finding:
     """Judge one answer."""
     step = _step_that_counts(context, p)
-    request = {} if step is None else CallStep.given(step).request
+    if step is None:
+        request = {}
+    else:
+        request = CallStep.given(step).request
     expected = f"{shown(request)} → {shown(p.response)}"
     response = answer_of(step)
     where = (call_location(context, step),)
@@ -295,7 +308,10 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         return failed(expected, "the same request", reason, where=where)
     measured = f"{shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
     answered = _Answered(response, expected, measured, where)
-    service = "" if step is None else CallStep.given(step).service
+    if step is None:
+        service = ""
+    else:
+        service = CallStep.given(step).service
     finding = _wrong_fields(answered, p)
     if finding is not None:
         return context.charge(finding, answer_cause(service, request))
@@ -407,7 +423,9 @@ def same_request(context: Context, step: StepRun | None) -> StepRun | None:
 def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]:
     """Return the answers to a later step with the same request."""
     step = context.session.step(p.step)
-    later = context.session.step(p.again) if p.again else None
+    later = None
+    if p.again:
+        later = context.session.step(p.again)
     if step is None or later is None:
         return []
     if not _was_sent(step) or not _was_sent(later):
@@ -472,7 +490,7 @@ def _not_read(context: Context, step: StepRun | None, expected: str) -> Finding:
         if step.outcome == "cancelled":
             why = "the node had ended before it could be asked"
         return not_reached(f"Not tested: {why}. {THEN_THESE}", expected=expected)
-    reason = f"The node's parameters could not be read{_problem_said(step)}."
+    reason = f"The node's parameters could not be read{problem_said(step)}."
     return failed(expected, "no answer", reason)
 
 

@@ -32,7 +32,9 @@ class Condition(NumbersOf, Between):
         if series is None:
             return None
         fits = self.hold(series.values).all(axis=1)
-        return int(series.source_ns[fits][0]) if fits.any() else None
+        if fits.any():
+            return int(series.source_ns[fits][0])
+        return None
 
 
 class SilentUntil(Parameters):
@@ -60,7 +62,9 @@ class SilentUntil(Parameters):
         if self.condition is not None:
             return self.condition.first_ns(context)
         times = context.session.stream(self.message_on or "").source_ns
-        return int(times.min()) if len(times) else None
+        if len(times):
+            return int(times.min())
+        return None
 
     @property
     def words(self) -> str:
@@ -84,7 +88,9 @@ def silent_until(context: Context, p: SilentUntil) -> Finding:
         return _too_early(context, p, expected, early, begins_ns)
     if begins_ns is None:
         return not_reached(f"Not tested, because this never came: {p.words}.", expected=expected)
-    first_ns = int(times.min()) if len(times) else None
+    first_ns = None
+    if len(times):
+        first_ns = int(times.min())
     if p.begins_within_s is None:
         return passed(expected, _first_message(context, first_ns))
     end_ns = begins_ns + round(p.begins_within_s * 1e9)

@@ -96,7 +96,6 @@ def _judge_subscription(
         return Part(1 - p.other_name_costs, f"nothing on {wanted.topic}", reason)
     used = context.session.used(wanted.topic)
     endpoint = _fitting(endpoints, wanted.type)
-    qos = endpoint.qos
     costs = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
     policy = clash(endpoint, p.offered) or unheard(context, wanted.topic)
     if policy is not None:
@@ -107,14 +106,11 @@ def _judge_subscription(
     if _is_weaker(p, endpoints):
         best_effort = f"The subscription on {used} requests BEST_EFFORT"
         notes.append(f"{best_effort}; with RELIABLE a lost message would be sent again.")
+    text = f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})"
     lost = max((cost for cost, _ in costs), default=0.0)
-    return Part(
-        1 - lost,
-        f"{endpoint.type} from {used} ({qos.reliability}, {qos.durability})",
-        " ".join(reason for _, reason in costs),
-        where=claimed_at(claim_of(context, "subscription", wanted.topic)),
-        notes=tuple(notes),
-    )
+    reason = " ".join(words for _, words in costs)
+    claim = claim_of(context, "subscription", wanted.topic)
+    return Part(1 - lost, text, reason, where=claimed_at(claim), notes=tuple(notes))
 
 
 def _fitting(endpoints: Sequence[Endpoint], wanted_type: str) -> Endpoint:
@@ -166,13 +162,10 @@ class Alternative(Parameters):
         """
         meant = f"Your numbers match {self.meaning}."
         reason = f"{finding.reason} {meant}".strip()
+        share = max(self.credit, least)
+        where = finding.where
         judged = graded(
-            max(self.credit, least),
-            finding.expected,
-            finding.measured,
-            reason,
-            where=finding.where,
-            notes=finding.notes,
+            share, finding.expected, finding.measured, reason, where=where, notes=finding.notes
         )
         if judged.outcome is Outcome.PASSED:
             return excused(judged, meant)
@@ -235,7 +228,9 @@ def survives(context: Context, p: Survives) -> Finding:
         reason = "The recording does not show what the node did then."
         return inconclusive(expected, "the step was not reached", reason)
     first = processes[0]
-    later = context.session.step(p.until) if p.until is not None else None
+    later = None
+    if p.until is not None:
+        later = context.session.step(p.until)
     until_ns = _tested_until_ns(processes, later)
     if _ended_by_itself(first, until_ns):
         measured = (
@@ -269,7 +264,7 @@ def _tested_until_ns(processes: Sequence[ProcessRun], later: StepRun | None) -> 
 
 def _ended_by_itself(run: ProcessRun, until_ns: int) -> bool:
     """Tell whether a process ended without an interrupt, up to a time."""
-    if run.exited_ns is None or run.interrupted_ns is not None:
+    if run.exited_ns is None or not run.ended_unasked:
         return False
     return run.exited_ns <= until_ns
 

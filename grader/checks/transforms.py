@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from grader.checks.base import (
@@ -29,7 +28,7 @@ from grader.checks.fields import NumbersOf
 from grader.checks.subscriber import Alternative
 from grader.evidence.cpu_delay import Span
 from grader.evidence.near_miss import is_misspelt
-from grader.evidence.recorded import Floats, Integers, Recorded
+from grader.evidence.recorded import Booleans, Floats, Integers, Recorded
 from grader.evidence.transforms import (
     TF_MESSAGE,
     Broadcast,
@@ -175,24 +174,20 @@ def _senders(context: Context, p: TransformTree) -> list[str]:
 def _parts_by_group(seen: _Seen) -> dict[str, list[Part]]:
     """Judge each part, under the name of its weight."""
     p = seen.p
-    values = []
+    parts: dict[str, list[Part]] = {name: [] for name in type(p.weights).model_fields}
     for wanted in p.frames:
         edge = seen.edge(wanted)
+        parts["frames"].append(_frame(seen, wanted))
         if edge is not None:
-            values.append(_values(seen, edge))
-    rates = []
-    for wanted in p.frames:
+            parts["values"].append(_values(seen, edge))
+        if not wanted.static:
+            parts["stamps"].append(_stamps(seen, wanted))
+        parts["static"].append(_static(seen, wanted))
         if wanted.rate_hz is not None:
-            rates.append(_rate(seen, wanted, wanted.rate_hz))
-    return {
-        "frames": [_frame(seen, wanted) for wanted in p.frames],
-        "tree": _tree(seen),
-        "values": values,
-        "stamps": [_stamps(seen, wanted) for wanted in p.frames if not wanted.static],
-        "static": [_static(seen, wanted) for wanted in p.frames],
-        "rates": rates,
-        "poses": [_pose(seen, pose) for pose in p.poses],
-    }
+            parts["rates"].append(_rate(seen, wanted, wanted.rate_hz))
+    parts["tree"] = _tree(seen)
+    parts["poses"] = [_pose(seen, pose) for pose in p.poses]
+    return parts
 
 
 def _nothing(seen: _Seen) -> str:
@@ -216,7 +211,9 @@ class _Seen:
 
     @cached_property
     def span(self) -> Span | None:
-        return self.session.window(self.p.window) if self.p.window else None
+        if self.p.window:
+            return self.session.window(self.p.window)
+        return None
 
     @cached_property
     def edges(self) -> list[Broadcast]:
@@ -224,7 +221,8 @@ class _Seen:
         found = []
         for topic, static in ((self.p.static_topic, True), (self.p.topic, False)):
             for edge in broadcasts(self.session.stream(topic), static=static):
-                inside = edge.within(None if edge.child in self.static else self.span)
+                span = None if edge.child in self.static else self.span
+                inside = edge.within(span)
                 if len(inside.stamps_ns):
                     found.append(inside)
         return found
@@ -414,7 +412,9 @@ def _tree(seen: _Seen) -> list[Part]:
     if len(roots) > 1:
         named = ", ".join(roots[:_MOST_NAMED])
         found.append(f"There are {len(roots)} roots, not connected: {named}.")
-    text = f"{len(parents)} frames below {roots[0]}" if len(roots) == 1 else ""
+    text = ""
+    if len(roots) == 1:
+        text = f"{len(parents)} frames below {roots[0]}"
     sound = [Part(1.0, text)] * (3 - len(found))
     return [*(Part(0.0, reason=reason) for reason in found), *sound]
 
@@ -529,7 +529,7 @@ def _stamps(seen: _Seen, wanted: WantedFrame) -> Part:
     return Part(share, reason=reason, best=best, doubt=doubt if best > share else "")
 
 
-def _aged_by_delay(seen: _Seen, edge: Broadcast, ages_s: Floats, old: NDArray[np.bool_]) -> int:
+def _aged_by_delay(seen: _Seen, edge: Broadcast, ages_s: Floats, old: Booleans) -> int:
     """Return the number of old stamps that became too old because the machine delayed the program."""
     aged = 0
     for place in np.flatnonzero(old)[:_MOST_DOUBTED]:
@@ -636,7 +636,8 @@ def _frame_tree(seen: _Seen) -> FrameTree:
     """Return the tree of all broadcasts; the part of its topic charges a static frame sent as a moving one."""
     edges = []
     for edge in seen.put_right:
-        edges.append(replace(edge, static=edge.static or edge.child in seen.static))
+        static = edge.static or edge.child in seen.static
+        edges.append(replace(edge, static=static))
     return FrameTree(edges)
 
 
@@ -667,14 +668,13 @@ def _with_mistake(part: Part, sent: _SentPoses) -> Part:
 
 def _with_doubt(part: Part) -> Part:
     """Return a part with a doubt, if the machine delays may have cost credit."""
-    best = part.share if part.best is None else max(part.share, part.best)
     doubt = ""
-    if best > part.share:
+    if part.most > part.share:
         doubt = "Not your fault: the grading computer delayed your program while it sent poses."
-    return replace(part, best=best, doubt=doubt)
+    return replace(part, best=part.most, doubt=doubt)
 
 
-def _undisturbed(seen: _Seen, times_ns: Integers, fits: NDArray[np.bool_]) -> float:
+def _undisturbed(seen: _Seen, times_ns: Integers, fits: Booleans) -> float:
     """Return the share of right poses among those near which the machine did not delay the program.
 
     If these are too few, all other poses may have been right.
@@ -711,10 +711,10 @@ def _expected(
     return np.asarray(poses, dtype=np.float64).reshape(-1, 7)
 
 
-def _fit(p: WantedPose, poses: Floats, expected: Floats) -> tuple[NDArray[np.bool_], str]:
+def _fit(p: WantedPose, poses: Floats, expected: Floats) -> tuple[Booleans, str]:
     """Return which poses are within the tolerances, and their median distances in words."""
     distance_m, angle = poses_apart(poses, expected)
-    fits: NDArray[np.bool_] = (distance_m <= p.tolerance_m) & (angle <= p.tolerance_deg)
+    fits: Booleans = (distance_m <= p.tolerance_m) & (angle <= p.tolerance_deg)
     if not np.isfinite(distance_m + angle).any():
         return fits, "numbers that are not a pose"
     off_m = apart(float(np.nanmedian(distance_m)), p.tolerance_m, places=3)
@@ -733,11 +733,11 @@ class _SentPoses:
     poses: Floats
     expected: Floats
 
-    def matches(self, expected: Floats) -> NDArray[np.bool_]:
+    def matches(self, expected: Floats) -> Booleans:
         """Return which sent poses match other ones."""
         return _fit(self.p, self.poses, expected)[0]
 
-    def right_if(self, poses: Floats) -> NDArray[np.bool_]:
+    def right_if(self, poses: Floats) -> Booleans:
         """Return which poses, sent without a mistake, would be right."""
         return _fit(self.p, poses, self.expected)[0]
 
@@ -747,7 +747,7 @@ class _Slip:
     """A known mistake."""
 
     #: bool[n]: Which poses it explains.
-    right: NDArray[np.bool_]
+    right: Booleans
     #: Credit that it leaves.
     credit: float
     meaning: str

@@ -35,6 +35,8 @@ def note_replaced(
         kept = None
         if replaced and before is not None:
             kept = keep(results, name, before)
+        old_rubric = old.rubric_sha256 if old is not None else None
+        old_result = _sha256(before) if before is not None else None
         line = {
             "schema": AUDIT_SCHEMA,
             "at": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -42,11 +44,11 @@ def note_replaced(
             "grader": grader.__version__,
             "submission": name,
             "overrides_sha256": overrides_sha256 or None,
-            "rubric_sha256": [old.rubric_sha256 if old is not None else None, new.rubric_sha256],
-            "result_sha256": [_sha256(before) if before is not None else None, _sha256(after)],
+            "rubric_sha256": [old_rubric, new.rubric_sha256],
+            "result_sha256": [old_result, _sha256(after)],
             "kept": kept,
-            **plain_changes(changes_between(old, new)),
         }
+        line |= plain_changes(changes_between(old, new))
         with (results / AUDIT_FILE).open("a", encoding="utf-8", newline="\n") as trail:
             trail.write(json.dumps(line, ensure_ascii=True) + "\n")
 

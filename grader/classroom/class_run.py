@@ -136,9 +136,13 @@ class ClassRun:
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
         """Return the journal's entry of valid recordings."""
-        entry = self.journal.holds(task.source.name, task.key) if task.submission else None
+        entry = None
+        if task.submission:
+            entry = self.journal.holds(task.source.name, task.key)
         enough = [level.value for level in Level if level.at_least(least)]
-        return entry if entry is not None and entry.isolation in enough else None
+        if entry is not None and entry.isolation in enough:
+            return entry
+        return None
 
     def _is_undecided(self, result: Result) -> bool:
         return bool(undecided_sessions(result, list(self.rubric.sessions)))
@@ -155,7 +159,9 @@ class ClassRun:
         others: dict[str, _Task] = {}
         for task, entry in kept.items():
             self._state_intake(task)
-            result = self._result(task) if entry.policy == task.policy else None
+            result = None
+            if entry.policy == task.policy:
+                result = self._result(task)
             if result is not None:
                 rows[task] = Row(task.source, result, reused=True)
             else:
@@ -199,12 +205,14 @@ class ClassRun:
             opened: Here | Cluster
             if isinstance(location, str):
                 opened = await stack.enter_async_context(cluster(location, self.display.note))
+                scope = Scope.ALL
             else:
                 opened = stack.enter_context(Here(location, self.machine))
-            # Undecided sessions are recorded again after the first recordings of all submissions.
-            scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
+                # Undecided sessions are recorded again after the first recordings of all submissions.
+                scope = Scope.ONCE
+            every = (*tasks, *undecided)
             await side_by_side(
-                self._finish(t, undecided.get(t), opened, scope) for t in (*tasks, *undecided)
+                self._finish(task, undecided.get(task), opened, scope) for task in every
             )
 
     async def _finish(
@@ -222,9 +230,8 @@ class ClassRun:
         except Exception as error:
             ending = self._abandoned(task, problem_of(error))
         if scope is Scope.ONCE and isinstance(ending, Result) and self._is_undecided(ending):
-            self.display.phase(
-                name, Progress("", "waits for the others, since something is undecided")
-            )
+            waits = Progress("", "waits for the others, since something is undecided")
+            self.display.phase(name, waits)
             return ending
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
         return None
@@ -260,7 +267,9 @@ class ClassRun:
             recordings_sha256(job.results) in ("", recorded)
             or ending.exit_status == RecordingError.exit_status
         ):
-            return ending if scope is Scope.UNDECIDED else self._abandoned(task, ending)
+            if scope is Scope.UNDECIDED:
+                return ending
+            return self._abandoned(task, ending)
         # The recordings could not be judged; the next run tries again.
         if before is not None:
             audit.keep(self.journal.results, name, before)
@@ -279,17 +288,14 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
     entries = {entry.name: entry for entry in entries_in(results)}
     for row in rows:
         source = row.source
-        entry = entries.get(
-            source.name, ClassEntry(source.name, None, "There are no results of it.")
-        )
+        name = source.name
+        entry = entries.get(name, ClassEntry(name, None, "There are no results of it."))
         if isinstance(row.ending, GraderError):
-            entry = ClassEntry(source.name, None, row.ending.problem)
-        entries[source.name] = replace(
-            entry,
-            # The record has the facts of the archive.
-            submitted_at=source.submitted_at or entry.submitted_at,
-            time_source=source.time_source if source.submitted_at else entry.time_source,
-            student_id=source.student_id or entry.student_id,
-            identity=source.identity.completed(entry.identity),
-        )
+            entry = ClassEntry(name, None, row.ending.problem)
+        # The record has the facts of the archive.
+        if source.submitted_at is not None:
+            entry = replace(entry, submitted_at=source.submitted_at, time_source=source.time_source)
+        student_id = source.student_id or entry.student_id
+        identity = source.identity.completed(entry.identity)
+        entries[name] = replace(entry, student_id=student_id, identity=identity)
     return sorted(entries.values(), key=lambda entry: entry.name)

@@ -123,9 +123,10 @@ async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cl
         raise PlatformError(
             "the Python package distributed is not installed", remedy=remedy
         ) from None
-    location: dict[str, Any] = (
-        {"scheduler_file": address} if Path(address).is_file() else {"address": address}
-    )
+    kind = "address"
+    if Path(address).is_file():
+        kind = "scheduler_file"
+    location: dict[str, Any] = {kind: address}
     try:
         client_of: Any = distributed.Client
         client = await client_of(

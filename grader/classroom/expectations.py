@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.errors import SubmissionError
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import Loc, Strict, parse_yaml, read_text, suggestion
+from grader.lab.yaml_with_lines import Fault, Strict, parse_yaml, read_text, suggestion
 from grader.result import CheckResult, CriterionResult, Outcome, Result
 
 EXPECTED_FILE = "expected.yaml"
@@ -108,11 +108,11 @@ class Expectation(Strict):
             return False
         return any(check.outcome != "passed" for check in expected.checks.values())
 
-    def unfit(self, rubric: Rubric) -> list[tuple[Loc, str]]:
+    def unfit(self, rubric: Rubric) -> list[Fault]:
         """Return the names that a rubric does not have, with their places."""
         return list(self._unfit(rubric))
 
-    def _unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+    def _unfit(self, rubric: Rubric) -> Iterator[Fault]:
         """Yield each unknown name, and each name without a possible expectation."""
         for n, name in enumerate(self.sessions):
             if name not in rubric.sessions:
@@ -130,7 +130,7 @@ class Expectation(Strict):
 
 def _unknown_criterion(
     part: str, name: str, known: Mapping[str, Collection[str]]
-) -> Iterator[tuple[Loc, str]]:
+) -> Iterator[Fault]:
     """Yield a criterion that a rubric does not have."""
     if name not in known:
         yield (part, name), f"the rubric has no criterion {name!r}{suggestion(name, known)}"
@@ -141,7 +141,7 @@ def _unfit_checks(
     checks: Iterable[str],
     known: Mapping[str, Collection[str]],
     by_person: Collection[str],
-) -> Iterator[tuple[Loc, str]]:
+) -> Iterator[Fault]:
     """Yield the checks that a criterion of the rubric does not have, and checks that a person grades."""
     for check in checks:
         loc = ("criteria", name, "checks", check)
@@ -191,7 +191,10 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
         own = folder / "submission"
         if own.is_dir():
             layers.append(own)
-        unfit = expectation.unfit(rubric) if rubric is not None else []
+        if rubric is not None:
+            unfit = expectation.unfit(rubric)
+        else:
+            unfit = []
         for loc, words in (*unfit, *_absent(expectation, layers)):
             mistakes.add(loc, words)
     except ValidationError as error:
@@ -200,7 +203,7 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
     return Fixture(folder.name, tuple(layers), expectation)
 
 
-def _absent(expectation: Expectation, layers: Sequence[Path]) -> Iterator[tuple[Loc, str]]:
+def _absent(expectation: Expectation, layers: Sequence[Path]) -> Iterator[Fault]:
     """Yield a sentence about each missing file or folder of a fixture."""
     if not layers:
         yield (), "it has no files: neither a folder 'submission' nor with_files_of"
@@ -238,10 +241,11 @@ def solution(folder: Path, rubric: Rubric) -> Fixture:
     checks = [check for criterion in rubric.criteria for check in criterion.checks]
     points = [check.points for check in checks if check.id not in by_person]
     most = sum(points, Decimal(0))
+    criteria = {criterion.id: ExpectedCriterion() for criterion in rubric.criteria}
     expectation = Expectation(
         about="The lab's own solution earns all points.",
         sessions=tuple(rubric.sessions),
-        criteria={criterion.id: ExpectedCriterion() for criterion in rubric.criteria},
+        criteria=criteria,
         total=(most, most),
     )
     return Fixture("solution", (folder,), expectation)
@@ -265,11 +269,12 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
     by_person = left_to_a_person(rubric)
     differences: list[str] = []
     undecided = False
-    for found in (
+    verdicts = [
         *_of_checks(expectation, result, rubric, by_person),
         *_of_teacher(expectation, result, rubric, by_person),
         _of_total(expectation, result, by_person),
-    ):
+    ]
+    for found in verdicts:
         differences += found.differences
         undecided = undecided or found.undecided
     return Verdict(tuple(differences), undecided)
@@ -280,7 +285,9 @@ def _of_checks(
 ) -> Iterator[Verdict]:
     """Compare the checks of each named criterion with the expected ones."""
     listed = (*result.criteria, *result.bonus)
-    judged = {criterion.id: {check.id: check for check in criterion.checks} for criterion in listed}
+    judged = {}
+    for criterion in listed:
+        judged[criterion.id] = {check.id: check for check in criterion.checks}
     in_sessions = {check.id for check in rubric.checks() if check.session is not None}
     for name, expected in expectation.criteria.items():
         checks = judged.get(name, {})
@@ -308,8 +315,10 @@ def _of_teacher(
     possible = {criterion.id: criterion.points for criterion in (*rubric.criteria, *rubric.bonus)}
     for criterion in (*result.criteria, *result.bonus):
         is_whole = criterion.possible == possible[criterion.id]
+        if criterion.id not in expectation.teacher or not is_whole:
+            continue
         left_out = by_person.intersection(check.id for check in criterion.checks)
-        if criterion.id in expectation.teacher and is_whole and not left_out:
+        if not left_out:
             found = tuple(_from_teacher(expectation, criterion))
             yield Verdict(found, bool(criterion.undecided))
 
@@ -339,4 +348,6 @@ def _from_teacher(expectation: Expectation, criterion: CriterionResult) -> Itera
 
 
 def _span(least: Decimal, most: Decimal) -> str:
-    return str(least) if least == most else f"from {least} to {most}"
+    if least == most:
+        return str(least)
+    return f"from {least} to {most}"

@@ -56,11 +56,10 @@ Ending = Result | GraderError
 def problem_of(error: Exception) -> GraderError:
     """Return the text of an exception, on one line and short enough for a table."""
     found = described(error)
-    problem = (
-        "; ".join([found.problem, *found.mistakes])
-        if isinstance(found, RubricError)
-        else found.problem
-    )
+    if isinstance(found, RubricError):
+        problem = "; ".join([found.problem, *found.mistakes])
+    else:
+        problem = found.problem
     kind = ProcessLostError if isinstance(found, ProcessLostError) else GraderError
     location = found.location[:_MOST_TEXT]
     remedy = found.remedy[:_MOST_TEXT]

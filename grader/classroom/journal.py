@@ -73,9 +73,8 @@ class Journal:
         A run that grades `afresh` ignores earlier results.
         """
         results.mkdir(parents=True, exist_ok=True)
-        file = os.open(
-            results / JOURNAL_FILE, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644
-        )
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
+        file = os.open(results / JOURNAL_FILE, flags, 0o644)
         try:
             _lock(file, results)
             yield cls(results, file, afresh=afresh)
@@ -92,14 +91,18 @@ class Journal:
 
     def knows(self, name: str) -> bool:
         """Return whether a submission was graded in any way, and has not failed since."""
-        return name in self._entries or (self.results / name / RECORDINGS).is_dir()
+        if name in self._entries:
+            return True
+        return (self.results / name / RECORDINGS).is_dir()
 
     def note(self, name: str, key: str, policy: str, isolation: str) -> None:
         """Sync the results of a submission to the disk, and note that they are complete; raises OSError."""
-        for path in [*(self.results / name).rglob("*"), self.results / name, self.results]:
+        folder = self.results / name
+        for path in [*folder.rglob("*"), folder, self.results]:
             _sync(path)
-        self._entries[name] = Entry(key, policy, isolation, recordings_sha256(self.results / name))
-        self._append({"graded": name, **asdict(self._entries[name])})
+        entry = Entry(key, policy, isolation, recordings_sha256(folder))
+        self._entries[name] = entry
+        self._append({"graded": name, **asdict(entry)})
 
     def abandon(self, name: str, why: GraderError) -> None:
         """Note that a submission could not be graded; the next run tries again.
@@ -123,7 +126,9 @@ class Journal:
 
     def _take(self, line: Mapping[str, Any]) -> None:
         if "journal" in line:
-            self._seed = int(line["run_seed"]) if line["journal"] == _SCHEMA else None
+            self._seed = None
+            if line["journal"] == _SCHEMA:
+                self._seed = int(line["run_seed"])
             self._entries.clear()
         elif "graded" in line:
             name = str(line["graded"])

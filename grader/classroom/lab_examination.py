@@ -30,7 +30,7 @@ from grader.lab.lab_code import OwnParameters
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.lab.steps.start import StartStep
-from grader.lab.yaml_with_lines import Loc, parse_yaml
+from grader.lab.yaml_with_lines import Fault, Loc, parse_yaml
 from grader.live.interfaces.build import provide, shipped_for
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.bag import Bag
@@ -86,7 +86,7 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
 # -- files -----------------------------------------------------------------------------------------
 
 
-def _pattern_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+def _pattern_mistakes(rubric: Rubric) -> Iterator[Fault]:
     """Find patterns of files that are never taken from a submission, because tools make their folders."""
     for name, spec in rubric.artifacts.items():
         for n, pattern in enumerate(spec.find):
@@ -96,7 +96,7 @@ def _pattern_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
                 yield ("artifacts", name, "find", n), words
 
 
-def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+def _solution_mistakes(rubric: Rubric) -> Iterator[Fault]:
     folder = rubric.folder / (rubric.lab.solution or "")
     if not folder.is_dir():
         yield ("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric"
@@ -126,14 +126,17 @@ def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
         lines = texts.get(spec.file, "").splitlines()
         imports += [line for line in lines if line.startswith(("import ", "from "))]
     ours = [] if find_spec("rclpy") is None else rubric.interface_packages
-    ours = ours if any(package.name in line for package in ours for line in imports) else []
+    if any(package.name in line for package in ours for line in imports):
+        ours = ours
+    else:
+        ours = []
     needed = [*ours, *shipped_for(imports)]
-    return provide(needed, folder, probe_isolation(OWN_INTERPRETER)).missing if needed else ()
+    if needed:
+        return provide(needed, folder, probe_isolation(OWN_INTERPRETER)).missing
+    return ()
 
 
-def _code_mistakes(
-    rubric: Rubric, built: Path, not_built: Collection[str]
-) -> list[tuple[Loc, str]]:
+def _code_mistakes(rubric: Rubric, built: Path, not_built: Collection[str]) -> list[Fault]:
     """Execute the lab's files, and return their mistakes, in a process that ends afterwards."""
     # A program without a guard finds no configuration, and ends.
     sys.argv = sys.argv[:1]
@@ -154,14 +157,16 @@ def _failure(loc: Loc, work: Callable[[], object], named: str, not_built: Collec
         work()
     # A program can end; a file of checks would end the judging.
     except SystemExit as end:
-        return describe_failure(end, named) if loc[0] in ("criteria", "bonus") else ""
+        if loc[0] in ("criteria", "bonus"):
+            return describe_failure(end, named)
+        return ""
     except Exception as problem:
-        module = (
-            (getattr(problem, "name", None) or "")
-            if isinstance(problem, ModuleNotFoundError)
-            else ""
-        )
-        return "" if module.partition(".")[0] in not_built else describe_failure(problem, named)
+        module = ""
+        if isinstance(problem, ModuleNotFoundError):
+            module = getattr(problem, "name", None) or ""
+        if module.partition(".")[0] in not_built:
+            return ""
+        return describe_failure(problem, named)
     return ""
 
 
@@ -228,7 +233,8 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
         )
         return
     yield from _absent_bonus(result, rubric)
-    wrong = [*_lost(result, left_to_a_person(rubric)), *_free(idle), *_broken(idle)]
+    by_person = left_to_a_person(rubric)
+    wrong = [*_lost(result, by_person), *_free(idle), *_broken(idle)]
     yield from wrong
     if not wrong:
         yield Remark(
@@ -266,9 +272,8 @@ def _lost(result: Result, by_person: Collection[str]) -> Iterator[Remark]:
             continue
         outcome = check.outcome.value.replace("_", " ")
         found = f"{outcome}; expected {check.expected}, found {check.measured}"
-        yield Remark(
-            "!", f"{check.id} does not pass on the solution's recording: {check.reason or found}"
-        )
+        why = check.reason or found
+        yield Remark("!", f"{check.id} does not pass on the solution's recording: {why}")
 
 
 def _free(idle: Sequence[CheckResult]) -> Iterator[Remark]:
@@ -301,15 +306,15 @@ def _judged(recordings: Path, rubric: Rubric) -> Result:
 def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
     """Judge the recordings as if the programs had started and done nothing, and as if no files had been submitted."""
     found = open_recordings(recordings, rubric)
-    sessions = {
-        name: Recorded(_idle(recorded.record), Bag.empty())
-        for name, recorded in found.sessions.items()
-    }
+    sessions = {}
+    for name, recorded in found.sessions.items():
+        sessions[name] = Recorded(_idle(recorded.record), Bag.empty())
     nobody = replace(found.submission, files=[], texts={}, packages=[], artifacts=[])
     idle = judge(replace(found, sessions=sessions), rubric)
     empty = judge(Recordings(nobody, {}), rubric)
+    of_sessions = [check for check in idle.every_check if check.session is not None]
     of_files = [check for check in empty.every_check if check.session is None]
-    return [*(check for check in idle.every_check if check.session is not None), *of_files]
+    return [*of_sessions, *of_files]
 
 
 def _idle(record: SessionRecord) -> SessionRecord:
@@ -317,8 +322,9 @@ def _idle(record: SessionRecord) -> SessionRecord:
     empty = [replace(graph, nodes=[], endpoints=[], services=[]) for graph in record.graph]
     steps = []
     for step in record.steps:
-        is_kept = step.kind == "observe"
-        steps.append(step if is_kept else replace(step, outcome="timeout", result={}))
+        if step.kind != "observe":
+            step = replace(step, outcome="timeout", result={})
+        steps.append(step)
     return replace(
         record,
         processes=silent,

@@ -61,7 +61,9 @@ class RunProgress(Live):
         if progress.ended:
             phases.pop(progress.session, None)
         else:
-            step = f" ({progress.step} of {progress.steps})" if progress.steps else ""
+            step = ""
+            if progress.steps:
+                step = f" ({progress.step} of {progress.steps})"
             phases[progress.session] = progress.text[:200] + step
 
     def took_s(self, name: str) -> float:
@@ -78,13 +80,21 @@ class RunProgress(Live):
         if line is not None:
             self._ended.append(line)
             if not self._console.is_terminal:
-                count = Text(f"[{self._done}/{self._done + len(self._work_s)}] ")
+                count = Text(f"[{self._done}/{self._total}] ")
                 self._console.print(count.append(line), soft_wrap=True, highlight=False)
+
+    @property
+    def _total(self) -> int:
+        """Number of submissions, done or not."""
+        return self._done + len(self._work_s)
 
     def ended(self, row: Row) -> None:
         """Note the ending of a submission of a class."""
         failed = isinstance(row.ending, GraderError)
-        remark = "as before" if row.reused else "not graded" if failed else ""
+        if row.reused:
+            remark = "as before"
+        else:
+            remark = "not graded" if failed else ""
         self.done(row.source.name, None if row.reused else _line(row), remark)
 
     def note(self, text: str) -> None:
@@ -99,44 +109,54 @@ class RunProgress(Live):
         table.add_column(no_wrap=True, max_width=_NAME_WIDTH)
         table.add_column(no_wrap=True, overflow="ellipsis")
         for name, phases in self._phases.items():
-            named = [f"{session}: {text}" if session else text for session, text in phases.items()]
-            doing = " · ".join(named)
-            table.add_row(
-                Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim")
-            )
+            named = []
+            for session, text in phases.items():
+                named.append(f"{session}: {text}" if session else text)
+            shown = terminal_text(name, _NAME_WIDTH)
+            doing = terminal_text(" · ".join(named), 300)
+            table.add_row(Text(shown), Text(doing, "dim"))
         # The library does not end the line.
         bar = Table.grid()
-        total = self._done + len(self._work_s)
-        bar.add_row(ProgressBar(total=max(1, total), completed=self._done, width=_BAR_WIDTH))
+        total = max(1, self._total)
+        bar.add_row(ProgressBar(total=total, completed=self._done, width=_BAR_WIDTH))
         return Group(*self._ended, Text(""), self._headline(), bar, table)
 
     def _headline(self) -> Text:
         waiting = len(self._work_s) - len(self._phases)
-        total = self._done + len(self._work_s)
-        parts = [f"{self._done} of {total} {self._noun} done"]
+        parts = [f"{self._done} of {self._total} {self._noun} done"]
         parts += [f"{count} {remark}" for remark, count in self._remarks.items()]
-        parts += [
-            f"{len(self._phases)} under way",
-            f"{waiting} in the queue",
-            f"about {self._time_left()} left",
-        ]
+        parts.append(f"{len(self._phases)} under way")
+        parts.append(f"{waiting} in the queue")
+        parts.append(f"about {self._time_left()} left")
         return Text(" · ".join(parts), "bold")
 
     def _time_left(self) -> str:
         """Estimate the time left: by the speed so far, as soon as there is one."""
         elapsed_s = time.monotonic() - self._began_s
-        speed = self._done_s / elapsed_s if self._done_s and elapsed_s > 0 else self._speed
+        if self._done_s and elapsed_s > 0:
+            speed = self._done_s / elapsed_s
+        else:
+            speed = self._speed
         left_s = sum(self._work_s.values()) / speed
-        return f"{left_s / 60:.0f} min" if left_s >= 90 else f"{left_s:.0f} s"
+        if left_s >= 90:
+            return f"{left_s / 60:.0f} min"
+        return f"{left_s:.0f} s"
 
 
 def _line(row: Row) -> Text:
     name = terminal_text(row.source.name, _NAME_WIDTH)
     if isinstance(row.ending, GraderError):
-        return Text(f"✗ {name}: not graded: {_problem(row.ending, row.source.name)}", "red")
+        return Text(f"✗ {_not_graded(row.source.name, row.ending)}", "red")
     score = row.ending.score
-    undecided = f", {points(score.undecided)} undecided" if score.undecided else ""
+    undecided = ""
+    if score.undecided:
+        undecided = f", {points(score.undecided)} undecided"
     return Text(f"✓ {name}: {_points(row.ending)}{undecided} ({row.took_s:.0f} s)")
+
+
+def _not_graded(name: str, ending: GraderError) -> str:
+    shown = terminal_text(name, _NAME_WIDTH)
+    return f"{shown}: not graded: {_problem(ending, name)}"
 
 
 def _points(result: Result) -> str:
@@ -160,23 +180,18 @@ def print_class(console: Console, rows: Sequence[Row]) -> None:
         name = Text(terminal_text(row.source.name, _NAME_WIDTH))
         if isinstance(row.ending, Result):
             undecided = row.ending.score.undecided
-            table.add_row(
-                name, _points(row.ending), Text(points(undecided) if undecided else "", "magenta")
-            )
+            open_points = points(undecided) if undecided else ""
+            table.add_row(name, _points(row.ending), Text(open_points, "magenta"))
         else:
             table.add_row(name, Text("not graded", "red"), "")
     console.print(table)
     for row in rows:
         if isinstance(row.ending, GraderError):
-            shown = terminal_text(row.source.name, _NAME_WIDTH)
-            console.print(
-                Text(f"{shown}: not graded: {_problem(row.ending, row.source.name)}", "red"),
-                soft_wrap=True,
-            )
+            words = _not_graded(row.source.name, row.ending)
+            console.print(Text(words, "red"), soft_wrap=True)
             if row.ending.remedy:
-                console.print(
-                    Text(f"  → {terminal_text(row.ending.remedy)}", "cyan"), soft_wrap=True
-                )
+                remedy = terminal_text(row.ending.remedy)
+                console.print(Text(f"  → {remedy}", "cyan"), soft_wrap=True)
 
 
 def summary(rows: Sequence[Row]) -> str:

@@ -5,7 +5,6 @@ No result is replaced before all have been judged.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -175,11 +174,8 @@ def regrade_all(
         folder: partial(_judge, folder, measure, pages, again)
         for folder, measure in measures.items()
     }
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
     judged, failed = {}, {}
-    for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
+    for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs):
         name = folder.resolve().name
         if isinstance(outcome, BoundError):
             outcome = _judge_sparingly(works[folder], measures[folder][0])
@@ -219,16 +215,16 @@ def _measures(
         except RubricError as error:
             mistake = next(iter(error.mistakes), error.problem)
             problem = f"the rubric kept with it does not fit this version of the grader: {mistake}"
-            failed[folder.resolve().name] = RubricError(
-                problem, [], location=str(folder), remedy=error.remedy
-            )
+            wrong = RubricError(problem, [], location=str(folder), remedy=error.remedy)
+            failed[folder.resolve().name] = wrong
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.resolve().name] = described(error)
     sources = [made_from(folder) for folder in folders]
     decided = {
         id(own): read_overrides(overrides, results, own, sources) for own in rubric_of.values()
     }
-    return {folder: (own, decided[id(own)]) for folder, own in rubric_of.items()}, failed
+    measures = {folder: (own, decided[id(own)]) for folder, own in rubric_of.items()}
+    return measures, failed
 
 
 def _judge_sparingly(

@@ -62,12 +62,15 @@ class Machine:
         with await self._bind([["turnstile"]]):
             count = parts or self.slots + self.spare
             step = MOST_SLOTS if parts is None else parts
-            names = [
-                [f"slot-{n}" for n in range(first, MOST_SLOTS + 1, step)]
-                for first in range(1, count + 1)
-            ]
-            at_once = len(names) if parts is not None else self.slots
-            return (await self._bind(names[:at_once], names[at_once:])).close
+            names = []
+            for first in range(1, count + 1):
+                numbers = range(first, MOST_SLOTS + 1, step)
+                names.append([f"slot-{number}" for number in numbers])
+            at_once = self.slots
+            if parts is not None:
+                at_once = len(names)
+            held = await self._bind(names[:at_once], names[at_once:])
+            return held.close
 
     async def _bind(
         self, groups: Sequence[Sequence[str]], spare: Sequence[Sequence[str]] = ()

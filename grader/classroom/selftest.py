@@ -69,18 +69,18 @@ async def run_fixtures(
         if not unfit:
             found = await _graded(fixture, rubric, options, here, folder, display)
         found = replace(found, took_s=display.took_s(fixture.name))
-        line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red")).append(
-            terminal_text(found.name, 40), "default"
-        )
+        line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red"))
+        line.append(terminal_text(found.name, 40), "default")
         line.append(f": {found.points} ({found.took_s:.0f} s)", "dim")
         display.done(found.name, line, "" if found.sign == "✓" else "not as expected")
         return found
 
     for fixture in fixtures:
-        sessions = (
-            rubric.sessions[s] for s in fixture.expectation.sessions if s in rubric.sessions
-        )
-        display.expect(fixture.name, sum(session.typical_s for session in sessions))
+        typical_s = 0.0
+        for session in fixture.expectation.sessions:
+            if session in rubric.sessions:
+                typical_s += rubric.sessions[session].typical_s
+        display.expect(fixture.name, typical_s)
     return await side_by_side(one(fixture) for fixture in fixtures)
 
 
@@ -104,7 +104,10 @@ async def _graded(
         location = f"{ending.location}: " if ending.location else ""
         return FixtureRun(name, "!", (f"not graded: {location}{ending.problem}",))
     verdict = compare(fixture.expectation, ending, rubric)
-    sign = "✓" if not verdict.differences else "?" if verdict.undecided else "✗"
+    if not verdict.differences:
+        sign = "✓"
+    else:
+        sign = "?" if verdict.undecided else "✗"
     return FixtureRun(name, sign, verdict.differences, ending.final, ending.score.possible)
 
 
@@ -133,13 +136,15 @@ def quick(fixtures: Sequence[Fixture], rubric: Rubric) -> list[Fixture]:
     These are all fixtures that state their total or need no session, and for each criterion the first fixture with
     one session that loses points in it.
     """
-    chosen = [f for f in fixtures if not f.expectation.sessions or f.expectation.total is not None]
+    chosen = []
+    for fixture in fixtures:
+        expectation = fixture.expectation
+        if not expectation.sessions or expectation.total is not None:
+            chosen.append(fixture)
+    of_one_session = [each for each in fixtures if len(each.expectation.sessions) == 1]
     for criterion in rubric.criteria:
-        losing = (
-            f
-            for f in fixtures
-            if len(f.expectation.sessions) == 1 and f.expectation.loses_in(criterion.id)
-        )
+        losing = (each for each in of_one_session if each.expectation.loses_in(criterion.id))
         first = next(losing, None)
-        chosen += [first] if first is not None and first not in chosen else []
+        if first is not None and first not in chosen:
+            chosen.append(first)
     return sorted(chosen, key=list(fixtures).index)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -44,24 +43,22 @@ def common_folders(folders: Sequence[Path], rubric: Rubric, given: Sequence[Path
             raise SubmissionError(
                 "there is no such folder", location=str(folder), remedy="Check --common."
             )
-    labs = [
-        rubric.folder,
-        *(Path(read_submission(folder / RECORDINGS).lab_folder) for folder in folders[:1]),
-    ]
-    named = [name for name in (rubric.lab.handout, rubric.lab.solution) if name]
-    found = [next((lab / name for lab in labs if (lab / name).is_dir()), None) for name in named]
-    return [*given, *(folder for folder in found if folder is not None)]
+    labs = [rubric.folder]
+    for folder in folders[:1]:
+        labs.append(Path(read_submission(folder / RECORDINGS).lab_folder))
+    common = list(given)
+    for name in (rubric.lab.handout, rubric.lab.solution):
+        if name:
+            there = [lab / name for lab in labs if (lab / name).is_dir()]
+            common += there[:1]
+    return common
 
 
 def compare(folders: Sequence[Path], common: Sequence[Path]) -> Similarity:
     """Compare the submissions that were recorded in some folders; a failure of one does not affect the others."""
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
     programs, problems = [], {}
-    for name, outcome in in_processes(
-        {f.name: partial(_program, f) for f in folders}, _READING_BOUND, cores
-    ):
+    works = {folder.name: partial(_program, folder) for folder in folders}
+    for name, outcome in in_processes(works, _READING_BOUND):
         if isinstance(outcome, Exception):
             problems[name] = f"Not compared: {described(outcome).problem}"
             continue

@@ -96,9 +96,8 @@ class Here(ExitStack):
         async with self._room:
             ending = await self._grade(job, on_progress)
             if isinstance(ending, ProcessLostError):
-                on_progress(
-                    Progress("", "begins again, since a process of the grader's was killed")
-                )
+                again = Progress("", "begins again, since a process of the grader's was killed")
+                on_progress(again)
                 ending = await self._grade(job, on_progress)
             return ending, self._isolation.level
 
@@ -117,11 +116,9 @@ class Here(ExitStack):
             self._lost += 1
             self._workers = None
         # Any report can be an effect of that: sessions of a lost server are recorded as undecided.
-        return (
-            ending
-            if isinstance(ending, ProcessLostError)
-            else ProcessLostError("a server was killed")
-        )
+        if isinstance(ending, ProcessLostError):
+            return ending
+        return ProcessLostError("a server was killed")
 
 
 async def grade_in_process(
@@ -176,7 +173,9 @@ async def _end(process: int, said: asyncio.StreamReader) -> None:
     """Ask the process to end if it has not, and see that it does."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with suppress(asyncio.TimeoutError, ProcessLookupError):
-            process = process or int(await within(said.readline(), _END_S) or 0)
+            if not process:
+                line = await within(said.readline(), _END_S)
+                process = int(line or 0)
             if process and not said.at_eof():
                 os.kill(process, number)
                 await within(said.read(), _END_S)
@@ -186,7 +185,10 @@ def _broken(status: int | None, errors: Path) -> GraderError:
     """Return the known facts about a process without an ending."""
     if status is None:
         return ProcessLostError("the process that grades all submissions was killed")
-    how = f"status {status}" if status >= 0 else signal.Signals(-status).name
+    if status >= 0:
+        how = f"status {status}"
+    else:
+        how = signal.Signals(-status).name
     lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     remedy = "Grade this submission alone. A SIGKILL that nobody sent means that the machine ran out of memory."

@@ -79,13 +79,14 @@ class Changes:
 
 def changes_between(before: Result | None, after: Result) -> Changes:
     """Compare two results of one submission; the first may be missing."""
+    now = after.score
     if before is None:
         return Changes(
             submission=after.submission,
             before=None,
             after=after.final,
-            undecided=(_NONE, after.score.undecided),
-            possible=(after.score.possible, after.score.possible),
+            undecided=(_NONE, now.undecided),
+            possible=(now.possible, now.possible),
             parts=tuple(_adjustments((), after.adjustments)),
         )
     parts = [*_parts(before, after), *_adjustments(before.adjustments, after.adjustments)]
@@ -96,8 +97,8 @@ def changes_between(before: Result | None, after: Result) -> Changes:
         submission=after.submission,
         before=before.final,
         after=after.final,
-        undecided=(before.score.undecided, after.score.undecided),
-        possible=(before.score.possible, after.score.possible),
+        undecided=(before.score.undecided, now.undecided),
+        possible=(before.score.possible, now.possible),
         parts=tuple(parts),
         words=judged_before != judged_after,
     )

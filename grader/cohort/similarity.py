@@ -294,7 +294,11 @@ def pairs_of(programs: Sequence[Program], common: Sequence[Program] = ()) -> lis
         pair = _pair(prints[one], prints[other])
         if pair.nodes >= LEAST_NODES and max(pair.shares) >= LEAST_SHARE:
             shown.append(pair)
-    return sorted(shown, key=lambda pair: (-max(pair.shares), -pair.nodes, pair.names))
+
+    def rank(pair: Pair) -> tuple[float, int, tuple[str, str]]:
+        return -max(pair.shares), -pair.nodes, pair.names
+
+    return sorted(shown, key=rank)
 
 
 def _candidates(prints: Sequence[_Prints]) -> list[tuple[int, int]]:
@@ -398,7 +402,8 @@ class _Comparison:
             value = self.theirs[at + length]
             if not value or value != self.mine[start + length]:
                 return length
-            if any(self.used[at + length : at + length + LENGTH]):
+            place = at + length
+            if any(self.used[place : place + LENGTH]):
                 return length
         return most
 

@@ -215,7 +215,9 @@ def _spread(totals: Sequence[Decimal], possible: Decimal) -> Spread:
     """Return the distribution of points; there is at least one total."""
     ordered = sorted(totals)
     # Quartiles need two values.
-    values = ordered * 2 if len(ordered) == 1 else ordered
+    values = ordered
+    if len(ordered) == 1:
+        values = ordered * 2
     first, median, third = statistics.quantiles(values, method="inclusive")
     return Spread(
         count=len(ordered),
@@ -259,6 +261,10 @@ class _Decided:
 
     def statistics(self, check: CheckSpec, column: int) -> CheckStatistics:
         """Return the statistics of the check."""
+        mean = None
+        if self.credits:
+            mean = statistics.fmean(self.credits)
+        pairs = list(zip(self.credits, self.rests, strict=True))
         return CheckStatistics(
             id=check.id,
             title=check.title,
@@ -266,8 +272,8 @@ class _Decided:
             points=check.points,
             decided=len(self.credits),
             passed=self.passed,
-            mean_credit=statistics.fmean(self.credits) if self.credits else None,
-            discrimination=discrimination(list(zip(self.credits, self.rests, strict=True))),
+            mean_credit=mean,
+            discrimination=discrimination(pairs),
         )
 
 

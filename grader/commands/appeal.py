@@ -150,11 +150,10 @@ def _require_within(given: Decimal, check: CheckResult) -> None:
     from grader.report.views import points as points_text
 
     if not 0 <= given <= check.possible:
-        raise UsageError(
-            f"{check.id} has 0 to {points_text(check.possible)} points, not {points_text(given)}",
-            location="--set",
-            remedy="For more points, add a bonus in overrides.yaml.",
-        )
+        range_ = f"0 to {points_text(check.possible)} points"
+        remedy = "For more points, add a bonus in overrides.yaml."
+        problem = f"{check.id} has {range_}, not {points_text(given)}"
+        raise UsageError(problem, location="--set", remedy=remedy)
 
 
 def _note(desk: Desk, name: str, options: argparse.Namespace) -> bool:
@@ -166,9 +165,8 @@ def _note(desk: Desk, name: str, options: argparse.Namespace) -> bool:
     about = {"names": (name,), "level": "check", "id": options.check}
     if options.question:
         student = desk.judged()[name].submission
-        replace(desk, who=student).decide(
-            Decision(**about, change="appeal", comment=options.question)
-        )
+        appeal = Decision(**about, change="appeal", comment=options.question)
+        replace(desk, who=student).decide(appeal)
     if options.set is not None:
         change = "set"
     elif options.excused:
@@ -177,13 +175,9 @@ def _note(desk: Desk, name: str, options: argparse.Namespace) -> bool:
         change = "reviewed"
     is_answered = bool(options.answer) or change != "reviewed"
     if is_answered:
+        comment = options.answer or ""
+        reason = options.reason if change != "reviewed" else ""
         desk.decide(
-            Decision(
-                **about,
-                change=change,
-                points=options.set,
-                comment=options.answer or "",
-                reason=options.reason if change != "reviewed" else "",
-            )
+            Decision(**about, change=change, points=options.set, comment=comment, reason=reason)
         )
     return bool(options.question) or is_answered

@@ -36,6 +36,11 @@ def parser_of(command: str, description: str, epilog: str = "") -> argparse.Argu
     return Parser(prog=command, description=description, epilog=epilog, formatter_class=form)
 
 
+def as_sentence(words: str) -> str:
+    """Write words as a sentence: "list the checks" becomes "List the checks."."""
+    return f"{words[:1].upper()}{words[1:]}."
+
+
 def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = "FILE") -> None:
     """Add an option that names a file or a folder."""
     parser.add_argument(option, type=Path, metavar=metavar, help=words)
@@ -72,7 +77,9 @@ class _NameLab(argparse.Action):
 def rubric_path(text: str) -> Path:
     """Return the path of a rubric, given by itself or by its folder."""
     path = Path(text)
-    return path / RUBRIC_FILE if path.is_dir() else path
+    if path.is_dir():
+        return path / RUBRIC_FILE
+    return path
 
 
 def add_flag(parser: _ActionsContainer, option: str, words: str) -> None:
@@ -110,7 +117,9 @@ def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
         return "none"
     if options.require_isolation is not None:
         return str(options.require_isolation)
-    return "no-cgroup" if several or os.environ.get("CI", "").lower() in _TRUE else "reduced"
+    if several or os.environ.get("CI", "").lower() in _TRUE:
+        return "no-cgroup"
+    return "reduced"
 
 
 def interpreter_of(chosen: Path | None) -> Path:
@@ -122,7 +131,26 @@ def interpreter_of(chosen: Path | None) -> Path:
         raise PlatformError(
             "there is no such interpreter", location=str(chosen), remedy="Check --python."
         )
-    return Path(sys.executable) if chosen is None else chosen.absolute()
+    if chosen is None:
+        return Path(sys.executable)
+    return chosen.absolute()
+
+
+#: Word for an environment with the lab's requirements, in place of an interpreter.
+_OF_LAB = Path("lab")
+
+
+def interpreter_for(chosen: Path | None, rubric: Path | None) -> Path:
+    """Return the interpreter for students' code; `lab` stands for an environment with the lab's requirements.
+
+    Raises PlatformError if the interpreter is missing or the environment cannot be made.
+    """
+    if chosen != _OF_LAB:
+        return interpreter_of(chosen)
+    from grader.judging import rubrics
+    from grader.live.sandbox.students_python import students_python
+
+    return students_python(rubrics.read_rubric(rubric).lab.requirements)
 
 
 def points(text: str) -> Decimal:
@@ -147,7 +175,9 @@ def print_note(console: Console, text: str, style: str = "yellow") -> None:
 
 def print_error(error: GraderError) -> None:
     """Print problem, location and remedy to standard error."""
-    location = f"{terminal_text(error.location)}: " if error.location else ""
+    location = ""
+    if error.location:
+        location = f"{terminal_text(error.location)}: "
     print(f"grade: {location}{terminal_text(error.problem)}", file=sys.stderr)
     for mistake in error.mistakes if isinstance(error, RubricError) else ():
         print(f"  {terminal_text(mistake)}", file=sys.stderr)

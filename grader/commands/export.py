@@ -15,7 +15,7 @@ from rich.console import Console
 from grader.commands.arguments import add_flag, add_path, each, parser_of, print_note
 from grader.errors import RecordingError
 from grader.report.escape import terminal_text
-from grader.report.exports import CLASS_EXPORTS, EXPORTS, ClassExport, Export
+from grader.report.exports import CLASS_EXPORTS, EXPORTS, Forms
 from grader.report.exports.writing import (
     FORMS,
     STANDARD_OUTPUT,
@@ -42,7 +42,7 @@ example:
 def add_exports(
     parser: argparse.ArgumentParser,
     option: str,
-    forms: Mapping[str, Export | ClassExport] = EXPORTS,
+    forms: Forms = EXPORTS,
 ) -> None:
     """Add the option that chooses exports, and `--path-prefix`."""
     parser.add_argument(
@@ -67,10 +67,12 @@ def add_exports(
 
 def _below_here(text: str) -> str:
     """Return a path relative to the working folder, which is the repository in a CI job."""
-    return os.path.relpath(text) if Path(text).is_absolute() else text
+    if Path(text).is_absolute():
+        return os.path.relpath(text)
+    return text
 
 
-def _target(text: str, forms: Mapping[str, Export | ClassExport] = FORMS) -> ExportTarget:
+def _target(text: str, forms: Forms = FORMS) -> ExportTarget:
     try:
         return ExportTarget.parse(text, forms)
     except ValueError as problem:
@@ -86,7 +88,7 @@ def _address(text: str) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    forms: dict[str, Mapping[str, Export | ClassExport]] = {
+    forms: dict[str, Forms] = {
         "forms of a submission": EXPORTS,
         "forms of a class": CLASS_EXPORTS,
     }
@@ -122,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _list_of(title: str, forms: Mapping[str, Export | ClassExport]) -> str:
+def _list_of(title: str, forms: Forms) -> str:
     """List forms for the help, with a line each, e.g. `  junit  JUnit XML (junit.xml)`."""
     lines = [f"{title} (and their files):"]
     for form in forms.values():
@@ -187,7 +189,10 @@ def _entries_of(results: Path, class_list: Path | None, *, is_single: bool) -> l
     from grader.cohort.entries import NOTHING_SUBMITTED, entries_in, entry_in, with_roster
     from grader.submission.roster import read_class_list
 
-    entries = [entry_in(results.resolve())] if is_single else entries_in(results)
+    if is_single:
+        entries = [entry_in(results.resolve())]
+    else:
+        entries = entries_in(results)
     if class_list is not None:
         entries = with_roster(entries, read_class_list(class_list))
         entries = [entry for entry in entries if entry.problem != NOTHING_SUBMITTED]
@@ -242,7 +247,10 @@ def _export(
     from grader.judging.result_files import judge_so_far
 
     try:
-        result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)
+        if options.so_far:
+            result = judge_so_far(results)
+        else:
+            result = load_result(results / RESULT_FILE)
     except FileNotFoundError as problem:
         remedy = "Name the results of one submission, e.g. results/alice."
         raise RecordingError(

@@ -27,6 +27,7 @@ from grader.commands.arguments import (
     add_lab,
     add_path,
     each,
+    interpreter_for,
     interpreter_of,
     least_isolation,
     parser_of,
@@ -98,7 +99,12 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         metavar="A,B",
         help="sessions of the rubric to run (default: all)",
     )
-    add_path(parser, "--python", "interpreter for students' code (default: grade's own)")
+    add_path(
+        parser,
+        "--python",
+        "interpreter for students' code, or `lab`: an environment with the libraries of ROS 2 Jazzy and of the lab alone, "
+        "made when it is first needed (default: grade's own)",
+    )
     parser.add_argument("--seed", type=int, help="seed of the random stimuli (default: a new one)")
     add_jobs(parser, "number of sessions side by side (default: depends on the number of cores)")
     parser.add_argument(
@@ -166,8 +172,9 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     from grader.live.sandbox.environment import require_platform
     from grader.live.session.scheduler import LocalScheduler
 
-    require_platform(interpreter := interpreter_of(options.python))
-    with LocalScheduler(interpreter, options.jobs) as options.local:
+    options.python = interpreter_for(options.python, options.rubric)
+    require_platform(options.python)
+    with LocalScheduler(options.python, options.jobs) as options.local:
         return _run(parser, options, console)
 
 
@@ -190,7 +197,8 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
     pipeline.require_sessions(options.sessions or (), rubric)
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
-    is_class = len(found.submissions) > 1 or options.scheduler is not None or options.undecided
+    is_for_classes = options.scheduler is not None or options.undecided
+    is_class = len(found.submissions) > 1 or is_for_classes
     _require_compatible_options(parser, options, is_class=is_class)
     origins = [source.origin for source in found.submissions]
     _require_safe_output(options, rubric, origins)
@@ -261,15 +269,21 @@ def _live_options(
     from grader import pipeline
     from grader.judging import rubrics
 
+    scope = pipeline.Scope.ALL
+    if options.undecided:
+        scope = pipeline.Scope.UNDECIDED
+    interpreter = interpreter_of(options.python)
+    isolation = least_isolation(options, several=is_class)
+    overrides = rubrics.read_overrides(options.overrides, options.output, rubric, origins)
     return pipeline.Options(
-        interpreter_of(options.python),
+        interpreter,
         options.sessions,
-        pipeline.Scope.UNDECIDED if options.undecided else pipeline.Scope.ALL,
+        scope,
         options.seed,
         options.jobs,
         options.launch,
-        least_isolation(options, several=is_class),
-        rubrics.read_overrides(options.overrides, options.output, rubric, origins),
+        isolation,
+        overrides,
         options.exports,
         options.path_prefix,
     )
@@ -400,7 +414,7 @@ def _grade_class(
                 run.grade(found.submissions, location)
             except (KeyboardInterrupt, SystemExit) as end:
                 return _interrupted(run.rows, len(found.submissions), end)
-        rows = sorted(run.rows, key=lambda row: (row.source.name.casefold(), row.source.name))
+        rows = sorted(run.rows, key=_by_name)
         print_class(console, rows)
         took = _duration(time.monotonic() - began_s)
         console.print(Text(f"{summary(rows)}; {took}."))
@@ -561,9 +575,18 @@ def _is_auxiliary(path: Path) -> bool:
     return path.name.startswith(".") or path.name in (HISTORY, EXPORTED)
 
 
+def _by_name(row: Row) -> tuple[str, str]:
+    """Return the place of a row in the table of a class."""
+    name = row.source.name
+    return name.casefold(), name
+
+
 def _holds(folder: Path, names: Set[str]) -> bool:
     """Return whether a folder holds a file with one of the names, at any depth."""
-    return any(not names.isdisjoint(files) for _, _, files in os.walk(folder))
+    for _, _, files in os.walk(folder):
+        if not names.isdisjoint(files):
+            return True
+    return False
 
 
 def _is_recorded(folder: Path) -> bool:

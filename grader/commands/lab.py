@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import add_flag, parser_of, print_note
+from grader.commands.arguments import add_flag, as_sentence, parser_of, print_note
 from grader.errors import UsageError
 from grader.json_text import json_text
 from grader.report.escape import terminal_text
@@ -40,10 +40,11 @@ _STYLES = {"✓": "green", "!": "yellow"}
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade lab", _DESCRIPTION, _EPILOG)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    new, check, trying = (
-        commands.add_parser(name, help=words, description=f"{words[:1].upper()}{words[1:]}.")
-        for name, words in _COMMANDS.items()
-    )
+    parsers = []
+    for name, words in _COMMANDS.items():
+        description = as_sentence(words)
+        parsers.append(commands.add_parser(name, help=words, description=description))
+    new, check, trying = parsers
     new.add_argument("folder", type=Path, metavar="DIR", help="new folder, e.g. labs/09-03")
     for command in (check, trying):
         command.add_argument(
@@ -75,14 +76,19 @@ def run(arguments: Sequence[str], console: Console) -> int:
         raise UsageError(
             "there is no rubric.yaml in it", location=str(options.folder), remedy=remedy
         )
-    return _check(rubric, console) if options.command == "check" else _try(options, console)
+    if options.command == "check":
+        return _check(rubric, console)
+    return _try(options, console)
 
 
 def _new(folder: Path, console: Console) -> int:
     from grader.judging.rubrics import rubric_kinds
     from grader.lab.rubric import json_schema
 
-    if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
+    is_used = folder.exists()
+    if folder.is_dir():
+        is_used = any(folder.iterdir())
+    if is_used:
         raise UsageError(
             "this folder exists and is not empty",
             location=str(folder),
@@ -122,9 +128,8 @@ def _check(rubric_file: Path, console: Console) -> int:
 
     rubric = read_rubric(rubric_file)
     for remark in examine(rubric, rubric_file, rubric_file.parent / TRIED / "solution"):
-        line = Text(f"{remark.sign} ", _STYLES[remark.sign]).append(
-            terminal_text(remark.text), "default"
-        )
+        line = Text(f"{remark.sign} ", _STYLES[remark.sign])
+        line.append(terminal_text(remark.text), "default")
         console.print(line, soft_wrap=True)
     return 0
 
@@ -133,9 +138,9 @@ def _try(options: argparse.Namespace, console: Console) -> int:
     from grader.commands import selftest
 
     tried = options.folder / TRIED
-    quick = ["--quick"] if options.quick else []
-    status = selftest.run(
-        ["--lab", str(options.folder), "-o", str(tried), *quick, *options.names], console
-    )
+    arguments = ["--lab", str(options.folder), "-o", str(tried)]
+    if options.quick:
+        arguments.append("--quick")
+    status = selftest.run([*arguments, *options.names], console)
     print_note(console, f"Reports of all: {tried}/*/report.html", "")
     return status

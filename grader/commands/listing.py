@@ -13,7 +13,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from grader.commands import COMMANDS
-from grader.commands.arguments import add_flag, parser_of
+from grader.commands.arguments import add_flag, as_sentence, parser_of
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import meant
 
@@ -122,8 +122,7 @@ def _entry(name: str, model: type[Parameters], around: Mapping[str, Any], key: s
 def run_listing(command: str, arguments: Sequence[str], console: Console) -> int:
     """Print the chosen checks, steps or figures; returns the exit status."""
     entries = entries_of(command)
-    words = COMMANDS[command]
-    parser = parser_of(f"grade {command}", f"{words[:1].upper()}{words[1:]}.")
+    parser = parser_of(f"grade {command}", as_sentence(COMMANDS[command]))
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help="list only these, each with an example"
     )
@@ -173,15 +172,12 @@ def _print_parameter(parameter: Parameter, indent: int, console: Console) -> Non
 
 def parameters_in(model: _Schema, schema: _Schema) -> Iterator[Parameter]:
     """Yield a description of each key of a model in a schema."""
+    required = model.get("required", ())
     for name, part in model.get("properties", {}).items():
-        yield Parameter(
-            name,
-            _kind(part, schema),
-            name in model.get("required", ()),
-            part.get("default"),
-            _description(part),
-            _nested(part, model, schema),
-        )
+        kind = _kind(part, schema)
+        default = part.get("default")
+        nested = _nested(part, model, schema)
+        yield Parameter(name, kind, name in required, default, _description(part), nested)
 
 
 def _description(part: _Schema) -> str:

@@ -162,10 +162,12 @@ def _recording(results: Path, session: str | None) -> Path:
     if not names:
         remedy = "Name the results of one submission, e.g. results/alice."
         raise RecordingError("there are no recordings in it", location=str(results), remedy=remedy)
-    if session not in names and (session is not None or len(names) > 1):
-        problem = (
-            "there are several sessions" if session is None else f"there is no session {session!r}"
-        )
+    problem = ""
+    if session is None and len(names) > 1:
+        problem = "there are several sessions"
+    elif session is not None and session not in names:
+        problem = f"there is no session {session!r}"
+    if problem:
         raise UsageError(
             problem, location=str(results), remedy=f"Name one session: {', '.join(names)}."
         )

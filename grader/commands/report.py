@@ -83,11 +83,9 @@ def _require_results(entries: Sequence[ClassEntry], results: Path) -> Sequence[C
         remedy = "Name the folder with a folder of results for each submission, e.g. results/."
         if (results / RECORDINGS).is_dir():
             remedy = f"These are the results of one submission; its page is {REPORT_FILE}. {remedy}"
-        problem = (
-            "there are no results of submissions in it"
-            if results.is_dir()
-            else "there is no such folder"
-        )
+        problem = "there is no such folder"
+        if results.is_dir():
+            problem = "there are no results of submissions in it"
         raise SubmissionError(problem, location=str(results), remedy=remedy)
     return entries
 
@@ -111,9 +109,12 @@ def report_class(
     from grader.submission.roster import read_class_list
 
     listed = _class_list(results, entries, class_list)
-    entries = entries if listed is None else with_roster(entries, read_class_list(listed))
+    if listed is not None:
+        entries = with_roster(entries, read_class_list(listed))
     entries = in_zone(entries, rubric.policy)
-    summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
+    if anonymous:
+        entries = under_pseudonyms(entries, rubric)
+    summary = summarise(entries, rubric)
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)
     similarity = None if anonymous else read_similarity(results)
@@ -151,4 +152,6 @@ def _class_list(results: Path, entries: Sequence[ClassEntry], given: Path | None
             replace_file(kept, given.read_bytes())
         return given
     sources = [made_from(results / entry.name) for entry in entries]
-    return kept if kept.is_file() and not lies_within(results, sources) else None
+    if kept.is_file() and not lies_within(results, sources):
+        return kept
+    return None

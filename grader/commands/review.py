@@ -105,9 +105,8 @@ def desk_of(
         raise SubmissionError(
             "there are no results of a class in it", location=str(results), remedy=remedy
         )
-    if overrides is None and lies_within(
-        results, [made_from(results / entry.name) for entry in entries]
-    ):
+    sources = [made_from(results / entry.name) for entry in entries]
+    if overrides is None and lies_within(results, sources):
         problem = "these results lie in a submission, where overrides.yaml may be a student's and does not count"
         raise UsageError(
             problem, location=str(results), remedy="Name a file of your own with --overrides."

@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -143,11 +143,10 @@ def _run(
     machine = Machine.of(isolation, options.jobs)
     # The submissions are known, so any level of confinement is enough.
     live = pipeline.Options(interpreter, least_isolation="none")
-    folder = (
-        tempfile.TemporaryDirectory(prefix=TEMPORARY)
-        if options.output is None
-        else nullcontext(str(options.output))
-    )
+    if options.output is None:
+        folder: AbstractContextManager[str] = tempfile.TemporaryDirectory(prefix=TEMPORARY)
+    else:
+        folder = nullcontext(str(options.output))
     display = RunProgress(console, machine.slots, "fixtures")
     with (
         folder as path,

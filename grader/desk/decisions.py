@@ -143,7 +143,8 @@ class Desk:
         times_ns: dict[str, int] = {}
         for path in self.results.glob(f"*/{RESULT_FILE}"):
             times_ns[readable(path.parent.name)] = path.stat().st_mtime_ns
-        if any(self._time_ns(name) != time_ns for name, time_ns in times_ns.items()):
+        read_ns = {name: self._time_ns(name) for name in times_ns}
+        if read_ns != times_ns:
             self._entries = {}
             for entry in entries_in(self.results):
                 name = readable(entry.name)
@@ -211,7 +212,9 @@ class Desk:
             )
         names = [results[name].submission for name in decision.names]
         comment = _line(decision.comment)
-        given: dict[str, Any] = {"submission": names if len(names) > 1 else names[0]}
+        given: dict[str, Any] = {"submission": names}
+        if len(names) == 1:
+            given["submission"] = names[0]
         if decision.level:
             given[decision.level] = decision.id
         if decision.change == "appeal":
@@ -243,14 +246,10 @@ class Desk:
         for adjustment in before.adjustments:
             if adjustment.what == part and adjustment.kind in ANSWERS:
                 is_decided = True
-        return Effect(
-            name,
-            (_earned(before, decision), _earned(after, decision)),
-            (before.final, after.final),
-            " ".join(reasons),
-            state_of(before, part),
-            is_decided,
-        )
+        earned = (_earned(before, decision), _earned(after, decision))
+        final = (before.final, after.final)
+        state = state_of(before, part)
+        return Effect(name, earned, final, " ".join(reasons), state, is_decided)
 
     # -- updating the results -------------------------------------------------------------------
 

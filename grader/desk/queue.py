@@ -175,7 +175,10 @@ def _interference(name: str, result: Result, part: Part) -> Item:
     disturbed: set[str] = set()
     for violation in result.violations:
         disturbed.update(violation.checks)
-    lost = sum((check.lost for check in result.checks if check.id in disturbed), Decimal(0))
+    lost = Decimal(0)
+    for check in result.checks:
+        if check.id in disturbed:
+            lost += check.lost
     return _item_of_whole(Kind.INTERFERENCE, name, result, part, text, lost, part.possible)
 
 
@@ -190,7 +193,8 @@ def _item_of_whole(
 
 def _is_answered(adjustments: Iterable[Adjustment], parts: Container[str]) -> bool:
     """Return whether an adjustment of one of some parts answers a question."""
-    return any(each.what in parts and each.kind in ANSWERS for each in adjustments)
+    answers = [each for each in adjustments if each.kind in ANSWERS]
+    return any(each.what in parts for each in answers)
 
 
 def _of_checks(

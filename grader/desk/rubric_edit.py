@@ -42,7 +42,8 @@ def limits_of(rubric: Rubric) -> list[Limit]:
     titles = {check.id: check.title for check in rubric.checks()}
     found = []
     for place, criterion, check, key, node in _numbers(rubric.text):
-        found.append(Limit(place, criterion, check, titles.get(check, check), key, str(node.value)))
+        title = titles.get(check, check)
+        found.append(Limit(place, criterion, check, title, key, str(node.value)))
     return found
 
 
@@ -140,7 +141,8 @@ def _replaced(text: str, changes: list[tuple[Any, str]]) -> str:
     for node, value in sorted(changes, key=lambda change: -change[0].start_mark.index):
         # The value comes after an anchor and a quotation mark.
         start = text.rindex(node.value, node.start_mark.index, node.end_mark.index)
-        text = text[:start] + value + text[start + len(node.value) :]
+        rest = text[start + len(node.value) :]
+        text = f"{text[:start]}{value}{rest}"
     return text
 
 
@@ -154,4 +156,6 @@ def _get(node: Any, key: str) -> Any:
 
 def _items(node: Any, key: str) -> list[Any]:
     found = _get(node, key)
-    return list(found.value) if found is not None else []
+    if found is not None:
+        return list(found.value)
+    return []

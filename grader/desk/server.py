@@ -105,22 +105,22 @@ class Server:
 
     def _state(self) -> dict[str, Any]:
         desk = self.desk
-        levels = {check.id: check.levels for check in desk.rubric.checks()}
+        rubric = desk.rubric
+        levels = {check.id: check.levels for check in rubric.checks()}
         items = []
         for item in desk.queue():
             plain = _plain(item)
             own = levels.get(item.part.id, ())
             plain["levels"] = [level.model_dump() for level in own]
             items.append(plain)
-        return {
-            "lab": f"Lab {desk.rubric.lab.id}: {desk.rubric.lab.title}",
+        state = {
+            "lab": f"Lab {rubric.lab.id}: {rubric.lab.title}",
             "who": desk.who,
             "items": items,
-            "criteria": {criterion.id: criterion.title for criterion in desk.rubric.criteria},
+            "criteria": {criterion.id: criterion.title for criterion in rubric.criteria},
             "written": len(desk.written),
-            **desk.offered(),
-            **desk.settle(),
         }
+        return state | desk.offered() | desk.settle()
 
     async def _evidence(self, request: Request) -> Response:
         part = request.query_params.get("what", "")
@@ -129,7 +129,10 @@ class Server:
             return _not_found()
         own = result.rubric_sha256 in ("", self.desk.rubric.sha256)
         try:
-            rubric = self.desk.rubric if own else _recorded(rubric_copy(folder.parent))
+            if own:
+                rubric = self.desk.rubric
+            else:
+                rubric = _recorded(rubric_copy(folder.parent))
             page = evidence_of(result, folder, rubric, part)
         except (GraderError, OSError) as error:
             page = f"<!DOCTYPE html><title>Evidence</title><p>There is no evidence to show: {_escaped(error)}</p>"
@@ -208,10 +211,12 @@ def _has_part(result: Result, part: str) -> bool:
 
 def _changes(found: Regrade) -> dict[str, Any]:
     """Return the changed submissions, the largest changes first."""
-    changed = [(name, each) for name, each in found.changes.items() if each.matters]
-    changed.sort(key=lambda pair: (-abs(pair[1].difference), pair[0]))
+    changed = [name for name, each in found.changes.items() if each.matters]
+    changed.sort()
+    changed.sort(key=lambda name: -abs(found.changes[name].difference))
     rows = []
-    for name, each in changed:
+    for name in changed:
+        each = found.changes[name]
         parts = [f"{part.title} {views.signed(part.difference)}" for part in each.at("check")]
         rows.append(
             {
@@ -262,7 +267,9 @@ def _plain(value: Any) -> dict[str, Any]:
 
 
 def _number(value: Any) -> Any:
-    return views.points(value) if isinstance(value, Decimal) else list(value)
+    if isinstance(value, Decimal):
+        return views.points(value)
+    return list(value)
 
 
 def _answer(content: bytes, ending: str, policy: str = _OWN_POLICY, status: int = 200) -> Response:

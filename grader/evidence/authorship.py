@@ -74,7 +74,9 @@ def _separated(
         repeated = False
         found = digest(data)
         for publisher, known in enumerate(digests):
-            if not 0 < number <= len(known) or known[number - 1] != found:
+            if not 0 < number <= len(known):
+                continue
+            if known[number - 1] != found:
                 continue
             key = (publisher, number)
             if key not in taken:

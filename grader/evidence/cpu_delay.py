@@ -141,7 +141,9 @@ class Calm:
     @property
     def is_enough(self) -> bool:
         """True if these intervals can stand for a whole window."""
-        return len(self.intervals_s) >= _ENOUGH and float(self.intervals_s.sum()) >= _ENOUGH_S
+        if len(self.intervals_s) < _ENOUGH:
+            return False
+        return float(self.intervals_s.sum()) >= _ENOUGH_S
 
     @property
     def said(self) -> str:
@@ -163,7 +165,8 @@ class Calm:
         error = 2 * spread / float(np.sqrt(count))
         off_s = np.bincount(self.stretch, self.intervals_s - mean_s)
         if len(off_s) >= _FEWEST_STRETCHES:
-            error = min(error, _SURE * float(np.linalg.norm(off_s)) / (count * mean_s))
+            sum_error_s = _SURE * float(np.linalg.norm(off_s))
+            error = min(error, sum_error_s / (count * mean_s))
         error += spread**2 * len(off_s) / count
         undelayed = 1 - min(0.5, self.delayed_share)
         return (1 - error) / mean_s, (1 + error) / mean_s / undelayed
@@ -212,12 +215,9 @@ def calm_intervals(
     pauses_s = intervals.pauses_s()
     # Each pause counts as a stretch of its own.
     apart = len(begins) + np.arange(len(pauses_s))
-    return Calm(
-        np.concatenate((intervals_s[calm], pauses_s)),
-        np.concatenate((stretch, apart)),
-        share,
-        calm,
-    )
+    lengths_s = np.concatenate((intervals_s[calm], pauses_s))
+    stretches = np.concatenate((stretch, apart))
+    return Calm(lengths_s, stretches, share, calm)
 
 
 class _Intervals:

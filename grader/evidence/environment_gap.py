@@ -109,10 +109,11 @@ def _removed_name(found: Diagnosis, file: str, text: str) -> str | None:
     """Say that a program uses a name that only older versions of NumPy have; None if its line does not show the name."""
     lines = text.split("\n")
     line = found.line or 0
-    is_shown = any(f".{found.subject}" in each for each in lines[line - 1 : line])
-    if not is_shown or found.subject not in _ONLY_IN_NUMPY_1:
+    name = found.subject
+    is_shown = any(f".{name}" in each for each in lines[line - 1 : line])
+    if not is_shown or name not in _ONLY_IN_NUMPY_1:
         return None
-    problem = f"uses np.{found.subject}, which the NumPy of ROS 2 Jazzy has and NumPy 2 of the grading computer lacks"
+    problem = f"uses np.{name}, which the NumPy of ROS 2 Jazzy has and NumPy 2 of the grading computer lacks"
     return f"{file} (line {line}) {problem}. {_WHO_DECIDES}"
 
 
@@ -139,7 +140,9 @@ def absent_module(
     """
     name = module.split(".")[0]
     text = submission.texts.get(file, "")
-    if name in _own_modules(submission) or not _is_imported_at(module, text, line or 0):
+    if name in _own_modules(submission):
+        return None
+    if not _is_imported_at(module, text, line or 0):
         return None
     if submission.absent_modules is not None and name not in submission.absent_modules:
         return None
@@ -150,7 +153,9 @@ def absent_module(
         not_built = dict.fromkeys(interface_packages(submission), "")
     if name not in not_built:
         return None
-    why = f": {not_built[name]}" if not_built[name] else ""
+    why = ""
+    if not_built[name]:
+        why = f": {not_built[name]}"
     return (
         f"It needs the interfaces of the package {name}, which were not built{why}. {_WHO_DECIDES}"
     )

@@ -128,7 +128,9 @@ def _stalled(recorded: Recorded) -> str | None:
         enough_s = span.duration_s - _ENOUGH_S
         if delay_s <= max(_LEAST_STALL_S, _STALLED * span.duration_s, enough_s):
             # A name of a previous wait has not come since either, unless it is in the graph.
-            waits.missing |= {wanted, *(waits.late.keys() - came_ns.keys())} - {""}
+            waits.missing |= waits.late.keys() - came_ns.keys()
+            waits.missing.add(wanted)
+            waits.missing.discard("")
         elif not recorded.students_busy(span):
             shown_s = min(delay_s, span.duration_s)
             waits.late[wanted] = f"for {shown_s:.1f} s of {span.duration_s:.1f} s"
@@ -165,7 +167,9 @@ def _is_of(claim: Claim, wanted: str) -> bool:
 
 def _was_refused_tasks(run: ProcessRun) -> bool:
     """Return whether a program ended because it could start no thread, without reaching a limit of the session."""
-    if run.ended_by != "itself" or run.limit is not None or not run.output:
+    if run.ended_by != "itself" or run.limit is not None:
+        return False
+    if not run.output:
         return False
     last = run.output[-1].text
     return any(words in last for words in _NO_MORE_TASKS)

@@ -41,7 +41,8 @@ def gaps_by_student(recorded: Recorded) -> list[RecordingGap]:
     found = []
     for gap in recorded.record.unrecorded:
         is_unseen = gap.messages == 0 and (gap.topic, gap.type) not in ours
-        if is_unseen or (gap.limit and _student_wrote_more(recorded)):
+        is_limit = bool(gap.limit) and _student_wrote_more(recorded)
+        if is_unseen or is_limit:
             found.append(gap)
     return found
 
@@ -77,7 +78,10 @@ def unread(recorded: Recorded, topic: str) -> UnreadGap | None:
     if not stream.unread:
         return None
     seen = len(stream)
-    t_ns = int(stream.received_ns[-1]) if seen else recorded.record.started_ns
+    if seen:
+        t_ns = int(stream.received_ns[-1])
+    else:
+        t_ns = recorded.record.started_ns
     reason = "they hold more values than are decoded of a topic"
     size_bytes = sum(map(len, stream.data))
     return UnreadGap(topic, stream.topic_type, t_ns, seen, size_bytes, reason, limit=True)
@@ -110,7 +114,9 @@ def describe_gap(gap: RecordingGap) -> str:
     if not gap.messages:
         return f"Messages on {gap.topic} are not recorded: {gap.reason} (limit: {RECORDING})."
     size = f"{_in_words(gap.size_bytes)}, {_in_words(gap.size_bytes / gap.messages)} each"
-    many = f"the first {gap.messages} messages" if gap.messages > 1 else "the first message"
+    many = "the first message"
+    if gap.messages > 1:
+        many = f"the first {gap.messages} messages"
     return f"Only {many} on {gap.topic} ({size}) are recorded: {gap.reason} (limit: {RECORDING})."
 
 
@@ -142,7 +148,9 @@ def _publisher_of(recorded: Recorded, gap: RecordingGap) -> ProcessRun | None:
 
 
 def _cpu_ns(run: ProcessRun) -> int:
-    return run.usage[-1].cpu_ns if run.usage else 0
+    if run.usage:
+        return run.usage[-1].cpu_ns
+    return 0
 
 
 @functools.lru_cache(maxsize=_MOST_KEPT)

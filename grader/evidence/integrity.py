@@ -108,13 +108,11 @@ class _Integrity:
         certain: bool = True,
     ) -> Tampering:
         """Return a tampering with its location in the session."""
-        where = Location(
-            session=self.record.session,
-            topic=topic,
-            start_s=self._second(span.start_ns),
-            end_s=self._second(span.end_ns),
-        )
-        violation = Violation(kind, self.record.session, text, tuple(evidence), where, certain)
+        session = self.record.session
+        start_s = self._second(span.start_ns)
+        end_s = self._second(span.end_ns)
+        where = Location(session=session, topic=topic, start_s=start_s, end_s=end_s)
+        violation = Violation(kind, session, text, tuple(evidence), where, certain)
         return Tampering(violation, frozenset(invalidated), whole)
 
     def described(self, sightings: Sequence[Sighting]) -> Iterator[str]:
@@ -281,7 +279,9 @@ class _Integrity:
             return
         for topic, loss in dropped(self.recorded).items():
             text = f"{loss} Packets in the grader's name can do that, and the machine was not busy."
-            invalidated = self.topics if topic in self.clocks else {topic}
+            invalidated: Iterable[str] = (topic,)
+            if topic in self.clocks:
+                invalidated = self.topics
             yield self._disturbed(
                 ViolationKind.DISTURBS_RECORDING, text, span, topic, invalidated=invalidated
             )
@@ -299,7 +299,9 @@ class _Integrity:
             # Only the start of such a session is known.
             span = Span(self.record.started_ns, self.record.started_ns)
         without_student = self.record.complete and not self.recorded.students
-        if not problems or without_student or self.record.times_recorded < _REPEATED:
+        if not problems or without_student:
+            return
+        if self.record.times_recorded < _REPEATED:
             return
         if self._machine_was_busy(span):
             return

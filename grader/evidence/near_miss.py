@@ -60,7 +60,9 @@ def candidates_in(
         return [Candidate(node, "") for node in graph.nodes if node not in references]
     found = []
     for candidate, node in _offers(graph, kind, forgotten):
-        if node in references or UNKNOWN_NODE in node or candidate.name in STANDARD_TOPICS:
+        if node in references or UNKNOWN_NODE in node:
+            continue
+        if candidate.name in STANDARD_TOPICS:
             continue
         if (OF_ACTION in candidate.name) == (OF_ACTION in wanted):
             found.append(candidate)

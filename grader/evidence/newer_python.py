@@ -68,7 +68,9 @@ _BARE_EXCEPTIONS = _TEMPLATES = 14
 def python_needed(text: str) -> str:
     """Return the first Python by which a text is correct, such as "3.12"; empty if it needs no newer one, or is wrong."""
     older = _as_older(normalise(text), _MOST_NESTED)
-    if older is None or not older.version or tree_of(older.text) is None:
+    if older is None or not older.version:
+        return ""
+    if tree_of(older.text) is None:
         return ""
     return f"3.{older.version}"
 
@@ -233,7 +235,9 @@ class _Rewriting:
         first = node.start_byte
         content = (node.text or b"")[start - first : stop - first]
         text = content.decode("utf-8", "replace")
-        signs = ("\\", "#", quotes, "\n" if len(quotes) == 1 else quotes)
+        signs = ["\\", "#", quotes]
+        if len(quotes) == 1:
+            signs.append("\n")
         if not any(sign in text for sign in signs):
             return expression, after
         _require_bare(expression)
@@ -314,7 +318,9 @@ def _version_of_parameters(text: str) -> int:
     """
     plain = _STARS.sub(r"\1", _STARRED_DEFAULT.sub(r"\1\2=", text))
     tree = expression_tree(f"def _({plain}): ...")
-    if tree is None or not text.strip() or _BOUND_OF_STARRED.search(text):
+    if tree is None or not text.strip():
+        raise _Wrong
+    if _BOUND_OF_STARRED.search(text):
         raise _Wrong
     defined = tree.body[0]
     has_defaults = isinstance(defined, ast.FunctionDef) and bool(defined.args.defaults)

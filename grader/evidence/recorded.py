@@ -82,7 +82,7 @@ class NumericStream:
     #: Rows of these messages in the topic's stream.
     index: Integers
 
-    def only(self, rows: NDArray[np.bool_]) -> NumericStream:
+    def only(self, rows: Booleans) -> NumericStream:
         """Return some of the messages."""
         return NumericStream(
             self.source_ns[rows],
@@ -150,14 +150,28 @@ class Recorded:
         return None
 
     def window(self, label: str) -> Span | None:
-        """Return the span of an `observe` step, if its window opened."""
+        """Return the span of an `observe` step, if its window opened; it holds the message that opened it."""
         step = self.step(label)
         if step is None:
             return None
         window = ObserveResult.of(step)
         if window.opened_ns is None or window.closed_ns is None:
             return None
-        return Span(window.opened_ns, window.closed_ns)
+        return Span(self._begin_ns(step, window.opened_ns), window.closed_ns)
+
+    def _begin_ns(self, step: StepRun, opened_ns: int) -> int:
+        """Return when a window began: with the publication of the message for which its step waited, if it did wait."""
+        topic = step.parameters.get("first_message_on")
+        if topic is None:
+            return opened_ns
+        stream = self.bag.stream(self.used(topic))
+        if not len(stream):
+            return opened_ns
+        first = int(np.argmin(stream.received_ns))
+        if not step.started_ns <= stream.received_ns[first] <= opened_ns:
+            return opened_ns
+        sent_ns = int(stream.source_ns[first])
+        return min(max(sent_ns, self.record.started_ns), opened_ns)
 
     # -- traffic ------------------------------------------------------------------------------
 
@@ -166,7 +180,9 @@ class Recorded:
         """Return the messages on a topic of the rubric; only the grader's own if the grader publishes it."""
         topic = self.used(name)
         apart = self.authorship(topic)
-        return self.bag.stream(topic) if apart is None else apart.own
+        if apart is None:
+            return self.bag.stream(topic)
+        return apart.own
 
     @functools.cached_property
     def awaited(self) -> frozenset[str]:
@@ -332,7 +348,9 @@ class Recorded:
         our_nodes = {e.node for e in self.endpoints if e.gid in our_gids}
         found = []
         for endpoint in self.endpoints:
-            if endpoint.topic != topic or endpoint.kind != kind or endpoint.gid in our_gids:
+            if endpoint.topic != topic or endpoint.kind != kind:
+                continue
+            if endpoint.gid in our_gids:
                 continue
             if endpoint.node not in left_out or endpoint.node in our_nodes:
                 found.append(endpoint)
@@ -351,7 +369,8 @@ class Recorded:
         plain = self.used(name).rsplit("/", 1)[-1]
         found = []
         for claim in self.record.claims:
-            if claim.kind == kind and claim.name.rsplit("/", 1)[-1] == plain:
+            called = claim.name.rsplit("/", 1)[-1]
+            if claim.kind == kind and called == plain:
                 found.append(claim)
         return found
 
@@ -425,7 +444,8 @@ class Recorded:
         cores = list(before.idle_ns)
         if is_held:
             cores = [str(run.core)]
-        if not before.idle_ns.keys() & after.idle_ns.keys() >= set(cores):
+        measured = before.idle_ns.keys() & after.idle_ns.keys()
+        if not measured >= set(cores):
             return math.inf
         others_s = -self._unseen_s(around)
         for core in cores:
@@ -538,7 +558,10 @@ class Recorded:
         if len(samples) < 2:
             return math.inf
         is_held = _is_held(run, span)
-        cores = [str(run.core)] if is_held else list(samples[0].idle_ns)
+        if is_held:
+            cores = [str(run.core)]
+        else:
+            cores = list(samples[0].idle_ns)
 
         idle_s = 0.0
         for core in cores:
@@ -548,7 +571,8 @@ class Recorded:
             idle_s += _grown_s(idle, span)
         cores_used = (None, run.core) if is_held else ()
         own_s = self._own_s(run, span, cores_used)
-        others_s = len(cores) * span.duration_s - idle_s - own_s - self._unseen_s(span)
+        busy_s = len(cores) * span.duration_s - idle_s
+        others_s = busy_s - own_s - self._unseen_s(span)
         return max(0.0, others_s) + _IDLE_ERROR_S
 
     def _own_s(self, run: ProcessRun, span: Span, cores: Sequence[int | None]) -> float:
@@ -556,7 +580,8 @@ class Recorded:
         own_s = 0.0
         for other in self.record.processes:
             is_own = other.role == "student" or other is run
-            if is_own and (not cores or other.core in cores):
+            was_there = not cores or other.core in cores
+            if is_own and was_there:
                 own_s += self.cpu_s(other, span)
         return own_s
 
@@ -704,7 +729,8 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     for (begin_ns, before), (end_ns, after) in itertools.pairwise([(started_ns, 0), *samples]):
         total += max(0, min(after - before, span.shared_ns(begin_ns, end_ns)))
     last_ns, delayed_ns = samples[-1]
-    if run.exited_ns is not None and run.ended_by == "itself" and last_ns > started_ns:
+    was_sampled = last_ns > started_ns
+    if run.exited_ns is not None and run.ended_by == "itself" and was_sampled:
         unsampled_ns = span.shared_ns(last_ns, run.exited_ns)
         total += delayed_ns * unsampled_ns // (last_ns - started_ns)
     return total / 1e9

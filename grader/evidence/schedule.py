@@ -152,7 +152,8 @@ def _ticks(times_s: Floats, stretch: Integers, usual_s: float) -> Floats | None:
     near_hz = 1 / usual_s
     length_s = max(float(times_s[-1]), usual_s)
     step_hz = 1 / (_FINENESS * length_s)
-    offsets_hz = np.arange(-_NEAR * near_hz, _NEAR * near_hz + step_hz, step_hz)
+    reach_hz = _NEAR * near_hz
+    offsets_hz = np.arange(-reach_hz, reach_hz + step_hz, step_hz)
     rates_hz = near_hz + offsets_hz
     if len(rates_hz) * len(times_s) > _MOST:
         return None

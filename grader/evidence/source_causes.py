@@ -6,21 +6,17 @@ The source explains a finding in words; it never decides one.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.session_variables import DOMAIN, LEAVE_DOMAIN, set_in
 from grader.evidence.text.syntax import normalise, tree_of
 
 #: Kind of the cause of a program that speaks in another ROS domain.
 OTHER_DOMAIN = "other-domain"
-_DOMAIN = "ROS_DOMAIN_ID"
 #: The domain of programs without a choice.
 _USUAL = "0"
-#: Arguments that name a domain.
-_KEYWORDS = ("domain_id", _DOMAIN)
-#: Longest text of a value that is quoted.
-_QUOTED = 40
 
 
 def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis | None:
@@ -36,12 +32,12 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
     tree = tree_of(normalise(text))
     if tree is None:
         return None
-    domains = [] if is_in_graph else list(_domains(tree))
+    domains = [] if is_in_graph else list(set_in(tree, DOMAIN))
     for line, value in domains:
+        if value == _USUAL:
+            continue
         problem = f"The program speaks in ROS domain {value}, and the nodes of this session in another one."
-        remedy = (
-            f"Leave the domain to the terminal: take {_DOMAIN} or domain_id out of the program."
-        )
+        remedy = LEAVE_DOMAIN
         return Diagnosis(OTHER_DOMAIN, problem, remedy, path, line, subject=value)
     sleep = _sleep_without_spin(tree)
     if sleep is None:
@@ -53,33 +49,6 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
         "Do the work in a timer and call rclpy.spin(node), or spin in a thread beside the loop."
     )
     return Diagnosis("rate-without-spin", problem, remedy, path, sleep)
-
-
-def _domains(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield the line and the value of each ROS domain that a program sets."""
-    for node in ast.walk(tree):
-        for value in _values(node):
-            text = ast.unparse(value).strip("'\"")[:_QUOTED]
-            if text != _USUAL:
-                yield value.lineno, text
-
-
-def _values(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the ROS domains that a statement or a call sets; None is the default.
-
-    `setdefault` sets none, because a session gives each program its domain.
-    """
-    match node:
-        case ast.Assign(targets=[ast.Subscript(slice=ast.Constant(value=name))], value=value):
-            if name == _DOMAIN:
-                yield value
-        case ast.Call(func=ast.Attribute(attr="putenv"), args=[name, value]):
-            if ast.unparse(name) == repr(_DOMAIN):
-                yield value
-        case ast.Call(keywords=keywords):
-            for keyword in keywords:
-                if keyword.arg in _KEYWORDS and ast.unparse(keyword.value) != "None":
-                    yield keyword.value
 
 
 def _sleep_without_spin(tree: ast.Module) -> int | None:
@@ -200,7 +169,9 @@ def _overwrites(text: str, attribute: str) -> int | None:
 def _targets(node: ast.AST) -> Sequence[ast.expr]:
     if isinstance(node, ast.Assign):
         return node.targets
-    return [node.target] if isinstance(node, ast.AnnAssign) else []
+    if isinstance(node, ast.AnnAssign):
+        return [node.target]
+    return []
 
 
 def late_lambda(text: str) -> tuple[int, str] | None:

@@ -262,7 +262,8 @@ class _Evaluation:
             return _deciding((_negated(parts[0]), parts[1]), np.greater)
         steps = None
         if bounds is not None:
-            steps = (round(bounds[0] / self.step_s), round(bounds[1] / self.step_s))
+            first_s, last_s = bounds
+            steps = (round(first_s / self.step_s), round(last_s / self.step_s))
         if name == "until":
             return _until(parts[0], parts[1], steps)
         decides = np.less if name == "always" else np.greater

@@ -74,7 +74,8 @@ class Timing:
         """
         if not len(self.intervals_s):
             return float("nan")
-        distances = np.sort(np.abs(self.intervals_s - self.median_s))[::-1]
+        off_s = np.abs(self.intervals_s - self.median_s)
+        distances = np.sort(off_s)[::-1]
         if excused_s > 0:
             # A late sample lengthens one interval and shortens the next: two distances for one delay.
             sums = np.cumsum(distances)
@@ -169,15 +170,11 @@ def _timed(times_ns: Integers, sequence: Integers) -> Timing | None:
     error_hz = None
     if len(intervals_s) and np.median(intervals_s) < _BURSTS / rate_hz:
         rate_hz, error_hz = _slope(times_ns, sequence)
-    return Timing(
-        rate_hz,
-        written + 1,
-        written + 1 - len(times_ns),
-        intervals_s,
-        times_ns[1:][is_next],
-        sequence[1:][is_next],
-        error_hz,
-    )
+    count = written + 1
+    missing = count - len(times_ns)
+    ends_ns = times_ns[1:][is_next]
+    numbers = sequence[1:][is_next]
+    return Timing(rate_hz, count, missing, intervals_s, ends_ns, numbers, error_hz)
 
 
 def _slope(times_ns: Integers, sequence: Integers) -> tuple[float, float]:

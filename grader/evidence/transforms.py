@@ -270,7 +270,9 @@ def circle_in(parents: Mapping[str, Sequence[str]]) -> list[str]:
     for start in parents:
         way: list[str] = []
         frame: str | None = start
-        while frame is not None and frame not in done and frame not in way:
+        while frame is not None and frame not in done:
+            if frame in way:
+                break
             way.append(frame)
             above = parents.get(frame, ())
             frame = above[0] if above else None
@@ -329,7 +331,8 @@ def inverse(poses: Floats) -> Floats:
 
 def poses_apart(poses: Floats, others: Floats) -> tuple[Floats, Floats]:
     """Return the distances between poses in m, and the angles in degrees: float64[n] each."""
-    distance_m = np.linalg.norm(poses[:, :3] - others[:, :3], axis=1)
+    apart = poses[:, :3] - others[:, :3]
+    distance_m = np.linalg.norm(apart, axis=1)
     # The cosine of a small angle is 1 except for rounding; the tangent is exact.
     turn = _product(poses[:, 3:] * _CONJUGATE, others[:, 3:])
     sine = np.linalg.norm(turn[:, :3], axis=1)

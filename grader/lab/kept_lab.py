@@ -39,7 +39,9 @@ def lab_folder() -> Path:
     """Return the folder of the lab that travels with the grader: the checkout's root, or inside the package."""
     package = Path(grader.__file__).parent
     inside = package / "shipped_lab"
-    return inside if (inside / RUBRIC_FILE).is_file() else package.parent
+    if (inside / RUBRIC_FILE).is_file():
+        return inside
+    return package.parent
 
 
 def lab_id(rubric: Path) -> str:
@@ -67,24 +69,22 @@ def is_shipped(rubric: Path) -> bool:
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
     """Return the files beside a rubric that it names: programs, oracles and checks of its own, interfaces."""
     parts: list[Any] = [*rubric.reference.values(), *rubric.checks()]
-    parts += [
-        figure
-        for criterion in (*rubric.criteria, *rubric.bonus)
-        for figure in criterion.figures
-        if figures
-    ]
-    functions = (function.partition(":")[0] for part in parts for function in functions_of(part))
-    programs = (spec.file for spec in rubric.reference.values())
-    return list(dict.fromkeys([*programs, *functions, *interface_files(rubric)]))
+    if figures:
+        for criterion in (*rubric.criteria, *rubric.bonus):
+            parts += criterion.figures
+    files = [spec.file for spec in rubric.reference.values()]
+    for part in parts:
+        files += [function.partition(":")[0] for function in functions_of(part)]
+    files += interface_files(rubric)
+    return list(dict.fromkeys(files))
 
 
 def interface_files(rubric: Rubric) -> list[str]:
     """Return the definitions of a lab's own interfaces, as paths beside the rubric."""
     if rubric.interfaces is None:
         return []
-    return [
-        f"{rubric.interfaces}/{name}" for name in read_folder(rubric.folder / rubric.interfaces)
-    ]
+    names = read_folder(rubric.folder / rubric.interfaces)
+    return [f"{rubric.interfaces}/{name}" for name in names]
 
 
 def functions_of(part: BaseModel) -> list[str]:
@@ -140,9 +140,10 @@ def trust(files: Mapping[str, str]) -> None:
 
 
 def _is_known(name: str, sha256: str) -> bool:
-    labs = (lab_folder(), *lab_folder().glob("labs/*"))
-    if any(sha256 in sha256s(_texts(lab, [name])).values() for lab in labs):
-        return True
+    for lab in (lab_folder(), *lab_folder().glob("labs/*")):
+        hashes = sha256s(_texts(lab, [name]))
+        if sha256 in hashes.values():
+            return True
     with suppress(OSError, RuntimeError):
         return (_known_folder() / sha256).is_file()
     return False
@@ -150,7 +151,10 @@ def _is_known(name: str, sha256: str) -> bool:
 
 def _known_folder() -> Path:
     state = os.environ.get("XDG_STATE_HOME")
-    folder = Path(state) if state else Path.home() / ".local/state"
+    if state:
+        folder = Path(state)
+    else:
+        folder = Path.home() / ".local/state"
     return folder / "grade/known-lab-files"
 
 

@@ -77,18 +77,20 @@ def model_of(found: Definition) -> type[Parameters]:
     `Field`. Fields of bases from elsewhere are not known here.
     """
     assert isinstance(found.node, ast.ClassDef)
-    names = [name for base in found.node.bases if (name := _last_name(base)) not in _NO_BASES]
-    bases = [_model_named(name, found) or _Open for name in names]
+    bases = []
+    for base in found.node.bases:
+        name = _last_name(base)
+        if name not in _NO_BASES:
+            bases.append(_model_named(name, found) or _Open)
     typed: dict[str, Any] = {}
     for node in found.node.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             kind = _type_of(node.annotation, found)
-            typed[node.target.id] = (kind, _value(node.value, limited=kind is not Any))
+            value = _value(node.value, limited=kind is not Any)
+            typed[node.target.id] = (kind, value)
+    doc = ast.get_docstring(found.node)
     return create_model(
-        found.node.name,
-        __base__=tuple(bases) or (Parameters,),
-        __doc__=ast.get_docstring(found.node),
-        **typed,
+        found.node.name, __base__=tuple(bases) or (Parameters,), __doc__=doc, **typed
     )
 
 
@@ -96,11 +98,9 @@ def _model_named(name: str, found: Definition) -> type[Parameters] | None:
     node = found.beside.get(name)
     # A class within itself is left to the file.
     inner = {other: each for other, each in found.beside.items() if each is not found.node}
-    return (
-        model_of(Definition(node, inner))
-        if isinstance(node, ast.ClassDef) and name in inner
-        else None
-    )
+    if isinstance(node, ast.ClassDef) and name in inner:
+        return model_of(Definition(node, inner))
+    return None
 
 
 def _value(node: ast.expr | None, *, limited: bool = False) -> Any:
@@ -168,7 +168,9 @@ def _annotated(node: ast.expr, found: Definition) -> Any:
 
 def _subscripted(node: ast.Subscript, found: Definition) -> Any:
     """Return a type with its arguments, such as `tuple[float, ...]`."""
-    inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+    inner = [node.slice]
+    if isinstance(node.slice, ast.Tuple):
+        inner = node.slice.elts
     if _last_name(node.value) == "Annotated":
         return _marked(inner, found)
     kind = _annotated(node.value, found)
@@ -177,8 +179,10 @@ def _subscripted(node: ast.Subscript, found: Definition) -> Any:
     of = []
     for each in inner:
         # Values of a Literal and the dots of a tuple are not types.
-        is_value = kind is Literal or ast.unparse(each) == "..."
-        of.append(ast.literal_eval(each) if is_value else _annotated(each, found))
+        if kind is Literal or ast.unparse(each) == "...":
+            of.append(ast.literal_eval(each))
+        else:
+            of.append(_annotated(each, found))
     return kind[tuple(of)]
 
 
@@ -347,16 +351,22 @@ def _signature(found: Definition) -> tuple[str, str]:
         raise ValueError(
             f"{name} must take (context: Context), or (context: Context, p: Parameters)"
         )
-    typed = [
-        ast.unparse(a.annotation).strip("'\"").rpartition(".")[2] if a.annotation else ""
-        for a in arguments
-    ]
-    made = found.beside.get("".join(typed[1:]))
-    if len(typed) == 2 and not _is_model(made):
+    looked_at = _type_named(arguments[0])
+    if len(arguments) == 1:
+        return looked_at, ""
+    parameters = _type_named(arguments[1])
+    if not _is_model(found.beside.get(parameters)):
         raise ValueError(
             f"the second argument of {name} must name the dataclass of its parameters, in the same file"
         )
-    return typed[0], "".join(typed[1:])
+    return looked_at, parameters
+
+
+def _type_named(argument: ast.arg) -> str:
+    """Return the last name in an argument's annotation; empty without one."""
+    if argument.annotation is None:
+        return ""
+    return ast.unparse(argument.annotation).strip("'\"").rpartition(".")[2]
 
 
 def _is_model(made: ast.AST | None) -> bool:

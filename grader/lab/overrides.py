@@ -53,14 +53,21 @@ def _points(value: Any) -> Any:
 
 
 def _names(value: Any) -> Any:
-    listed = value if isinstance(value, (list, tuple)) else [value]
-    if listed and all(isinstance(n, (str, int)) and not isinstance(n, bool) for n in listed):
+    listed = value
+    if not isinstance(value, (list, tuple)):
+        listed = [value]
+    if listed and all(map(_is_name, listed)):
         # Editors compose letters with their marks in several ways; names of submissions are in NFC.
         return tuple(unicodedata.normalize("NFC", str(name)) for name in listed)
     raise ValueError(
         f"the name of a submission, a list of names, or '{EVERYONE}' for all is expected; "
         "in quotes if it reads like something else, as 1.10 or no does"
     )
+
+
+def _is_name(value: Any) -> bool:
+    """Tell whether a value can be a name; YAML reads a name such as 4711 as a number."""
+    return isinstance(value, (str, int)) and not isinstance(value, bool)
 
 
 def _words(value: Any) -> Any:
@@ -78,7 +85,9 @@ def _date(value: Any) -> Any:
             found = parse_time(value)
     if not isinstance(found, date):
         raise ValueError("a date is expected, such as 2026-11-21, with its time where you like")
-    return found.isoformat(timespec="minutes") if isinstance(found, datetime) else found.isoformat()
+    if isinstance(found, datetime):
+        return found.isoformat(timespec="minutes")
+    return found.isoformat()
 
 
 Points = Annotated[Decimal, BeforeValidator(_points)]
@@ -189,16 +198,26 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
     return parse_overrides(path, read_text(path, _WHAT, "Check --overrides."), rubric)
 
 
+def is_blank(text: str) -> bool:
+    """Tell whether a text of YAML has nothing but comments."""
+    for line in text.splitlines():
+        if line.partition("#")[0].strip():
+            return False
+    return True
+
+
 def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
     """Validate the text of a file of overrides; raises as `load_overrides`."""
     sha256 = hashlib.sha256(text.encode()).hexdigest()
-    if not any(line.partition("#")[0].strip() for line in text.splitlines()):
+    if is_blank(text):
         return Overrides(name=path.name, sha256=sha256)
     plain, mistakes = parse_yaml(path, text, _WHAT)
     for key in plain:
         if key != "overrides":
             mistakes.add((key,), "unknown key; the only key is overrides")
-    listed = plain.get("overrides") if plain.get("overrides") is not None else []
+    listed = plain.get("overrides")
+    if listed is None:
+        listed = []
     if not isinstance(listed, list):
         mistakes.add(("overrides",), "a list of entries is expected")
         listed = []

@@ -16,7 +16,7 @@ import yaml
 
 from grader.errors import RubricError
 from grader.files import replace_file
-from grader.lab.overrides import OVERRIDES_FILE
+from grader.lab.overrides import OVERRIDES_FILE, is_blank
 from grader.lab.yaml_with_lines import parse_yaml
 
 _KEY = "overrides"
@@ -74,7 +74,8 @@ def with_entry(text: str, entry: Mapping[str, Any]) -> str:
         column = listed.start_mark.column
     else:
         # An empty list can be written as [].
-        kept = text[: listed.start_mark.index].rstrip(" ") + text[listed.end_mark.index :]
+        before = text[: listed.start_mark.index].rstrip(" ")
+        kept = before + text[listed.end_mark.index :]
     wanted = [*_plain(text), dict(entry)]
     return _checked(f"{kept}{_ended(kept)}{_listed(new, column)}", wanted)
 
@@ -103,7 +104,7 @@ def _entries(text: str) -> Any:
 
 def _plain(text: str) -> list[Any]:
     """Return the entries of a text as plain data."""
-    if not any(line.partition("#")[0].strip() for line in text.splitlines()):
+    if is_blank(text):
         return []
     plain, _ = parse_yaml(Path(OVERRIDES_FILE), text, "the file of overrides")
     return list(plain.get(_KEY) or [])
@@ -123,7 +124,8 @@ def _checked(text: str, wanted: list[Any]) -> str:
 def _last_line(node: yaml.Node) -> int:
     """Return the last line of a node, from 0."""
     if isinstance(node, yaml.MappingNode) and not node.flow_style:
-        return max(max(_last_line(key), _last_line(value)) for key, value in node.value)
+        lines = [max(map(_last_line, pair)) for pair in node.value]
+        return max(lines)
     if isinstance(node, yaml.SequenceNode) and not node.flow_style:
         return max(map(_last_line, node.value))
     end = node.end_mark
@@ -131,9 +133,12 @@ def _last_line(node: yaml.Node) -> int:
 
 
 def _ended(text: str) -> str:
-    return "" if not text or text.endswith("\n") else "\n"
+    if not text or text.endswith("\n"):
+        return ""
+    return "\n"
 
 
 def _listed(entry: str, columns: int) -> str:
     """Return the text of an entry with a dash before it, from a column on."""
-    return f"{' ' * columns}- {textwrap.indent(entry, ' ' * (columns + 2)).lstrip()}"
+    indented = textwrap.indent(entry, " " * (columns + 2))
+    return f"{' ' * columns}- {indented.lstrip()}"

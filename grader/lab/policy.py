@@ -29,12 +29,17 @@ _AMOUNT = re.compile(r"(\d{1,6}(?:\.\d{1,3})?)\s*(%|points?)")
 def _time_span(value: Any) -> Any:
     if isinstance(value, timedelta):
         return value
-    text = value.strip().lower() if isinstance(value, str) else ""
+    text = ""
+    if isinstance(value, str):
+        text = value.strip().lower()
     parts = _SPAN.findall(text)
     units = {unit for _, unit in parts}
     if not (_SPANS.fullmatch(text) and units <= _UNITS.keys()):
         raise ValueError("a time with its unit is expected, such as 10 min, 36 h or 2 days")
-    return sum((float(number) * _UNITS[unit] for number, unit in parts), timedelta())
+    total = timedelta()
+    for number, unit in parts:
+        total += float(number) * _UNITS[unit]
+    return total
 
 
 def _moment(value: Any) -> Any:
@@ -49,13 +54,8 @@ def _moment(value: Any) -> Any:
 def parse_time(text: str) -> datetime | None:
     """Read a date with its time from ISO 8601, also with "UTC" at its end, as GitHub and Canvas write it."""
     try:
-        return datetime.fromisoformat(
-            re.sub(
-                r"([Zz]|UTC)$",
-                "+00:00",
-                re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()),
-            )
-        )
+        joined = re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip())
+        return datetime.fromisoformat(re.sub(r"([Zz]|UTC)$", "+00:00", joined))
     except ValueError:
         return None
 
@@ -94,20 +94,22 @@ class Amount:
 
     def of(self, points: Decimal) -> Decimal:
         """Return the points that this is of some points; not rounded."""
-        return points * self.value / 100 if self.percent else self.value
+        if self.percent:
+            return points * self.value / 100
+        return self.value
 
     def __str__(self) -> str:
-        return (
-            f"{self.value:f} %"
-            if self.percent
-            else f"{self.value:f} point{'s' * (self.value != 1)}"
-        )
+        if self.percent:
+            return f"{self.value:f} %"
+        return f"{self.value:f} point{'s' * (self.value != 1)}"
 
 
 def _amount(value: Any) -> Any:
     if isinstance(value, Amount):
         return value
-    found = _AMOUNT.fullmatch(value.strip().lower()) if isinstance(value, str) else None
+    found = None
+    if isinstance(value, str):
+        found = _AMOUNT.fullmatch(value.strip().lower())
     if found is None:
         raise ValueError("an amount with its unit is expected, such as 10 % or 5 points")
     number, unit = Decimal(found[1]), found[2]
@@ -170,14 +172,13 @@ class LatePolicy(Strict):
 
     def days(self, late: timedelta) -> Decimal:
         """Return how many days a lateness counts as."""
-        exact = Decimal(late // timedelta(microseconds=1)) / Decimal(
-            _DAY // timedelta(microseconds=1)
-        )
+        unit = timedelta(microseconds=1)
+        exact = Decimal(late // unit) / Decimal(_DAY // unit)
         if self.counts == "exact time":
             return exact
-        return exact.to_integral_value(
-            ROUND_CEILING if self.counts == "started days" else ROUND_FLOOR
-        )
+        if self.counts == "started days":
+            return exact.to_integral_value(ROUND_CEILING)
+        return exact.to_integral_value(ROUND_FLOOR)
 
 
 def _zone_name(value: Any) -> Any:
@@ -228,12 +229,10 @@ class Policy(Strict):
 
     def zoned(self, submission_time: SubmissionTime) -> SubmissionTime:
         """Return times of submission with their offset from UTC, as far as the policy names the zone of all others."""
-        return replace(
-            submission_time,
-            at=self._zoned(submission_time.at),
-            newest_file=self._zoned(submission_time.newest_file),
-            last_commit=self._zoned(submission_time.last_commit),
-        )
+        at = self._zoned(submission_time.at)
+        newest_file = self._zoned(submission_time.newest_file)
+        last_commit = self._zoned(submission_time.last_commit)
+        return replace(submission_time, at=at, newest_file=newest_file, last_commit=last_commit)
 
     def _zoned(self, time: datetime | None) -> datetime | None:
         if time is None or self.timezone is None:
@@ -267,7 +266,9 @@ def time_text(moment: datetime | date) -> str:
     if not isinstance(moment, datetime):
         return moment.isoformat()
     written, offset = moment.strftime("%Y-%m-%d %H:%M"), moment.strftime("%z")
-    return f"{written} {offset[:3]}:{offset[3:5]}" if offset else written
+    if offset:
+        return f"{written} {offset[:3]}:{offset[3:5]}"
+    return written
 
 
 def span_text(span: timedelta) -> str:

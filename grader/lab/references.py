@@ -34,7 +34,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
-from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
+from grader.lab.yaml_with_lines import Fault, Loc, Strict, mistakes_at, suggestion
 from grader.recording.definitions import (
     also_defined,
     field_steps,
@@ -287,11 +287,10 @@ class Scope:
 def _untyped_names(part: Mapping[str, Any]) -> Iterator[str]:
     """Yield the new names in a part of a rubric, and the names of awaited endpoints."""
     awaited = _mapping(part.get("wait_for"))
-    names = [
-        *_mapping(part.get("remappings")).values(),
-        *_mapping(part.get("composed")).values(),
-        *map(awaited.get, _ENDPOINTS),
-    ]
+    names: list[Any] = []
+    for key in ("remappings", "composed"):
+        names += _mapping(part.get(key)).values()
+    names += map(awaited.get, _ENDPOINTS)
     for name in names:
         if isinstance(name, str):
             yield name
@@ -501,14 +500,17 @@ def _one_letter_apart(a: str, b: str) -> bool:
     left = a[start : len(a) - end]
     right = b[start : len(b) - end]
     rest = a[len(a) - end :]
-    around = re.split(r"[_/.]", a[:start])[-1] + re.split(r"[_/.]", rest)[0]
-    if len(around) < _LEAST_AROUND:
+    before = re.split(r"[_/.]", a[:start])[-1]
+    after = re.split(r"[_/.]", rest)[0]
+    if len(before) + len(after) < _LEAST_AROUND:
         return False
     more = left + right
     ends = re.fullmatch(r"|[_/.].*", rest)
     is_plural = more == "s" and bool(ends)
     is_absolute = more == "/" and not start
-    if is_plural or is_absolute or re.search(r"\d", more):
+    if is_plural or is_absolute:
+        return False
+    if re.search(r"\d", more):
         return False
     is_swapped = len(left) == 2 and left == right[::-1]
     return is_swapped or max(len(left), len(right)) == 1
@@ -653,7 +655,10 @@ def _look_up_field(
     scope: Scope, topic: str, path: str, kind: str, fits: Callable[[str], bool]
 ) -> None:
     found = [_type_at(name, path) for name in sorted(scope.types.get(topic, ()))]
-    if found and not any(spelled is None or fits(spelled) for spelled in found):
+    known = [spelled for spelled in found if spelled is not None]
+    if len(known) < len(found) or any(map(fits, known)):
+        return
+    if found:
         raise ValueError(f"{path!r} of {topic} is a {found[0]}; it must hold {kind}")
 
 
@@ -673,7 +678,9 @@ def holds(info: ValidationInfo, topic: str, path: str, count: int) -> None:
         spelled = _type_at(name, path)
         if spelled is not None:
             found.append(_count_in(spelled))
-    if found and count not in found and None not in found:
+    if not found or None in found:
+        return
+    if count not in found:
         raise ValueError(f"{path!r} of {topic} holds {found[0]} numbers, not {count}")
 
 
@@ -727,7 +734,7 @@ WordField = Annotated[
 ]
 
 
-def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterator[tuple[Loc, str]]:
+def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterator[Fault]:
     for key, value in values.items():
         try:
             spelled = _type_at(name, key)
@@ -823,7 +830,10 @@ def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
 
 def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
     """Return the packages in a folder beside a rubric; empty if the folder is missing."""
-    if not isinstance(name, str) or not (folder / name).resolve().is_relative_to(folder.resolve()):
+    if not isinstance(name, str):
+        return []
+    inside = (folder / name).resolve()
+    if not inside.is_relative_to(folder.resolve()):
         return []
     return list(packages_of(read_folder(folder / name)))
 
@@ -907,7 +917,9 @@ def _share(value: Any) -> float:
     share = value
     if isinstance(value, str):
         number = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%\s*", value)
-        share = float(number[1]) / 100 if number else value
+        share = value
+        if number:
+            share = float(number[1]) / 100
     is_number = isinstance(share, (int, float)) and not isinstance(share, bool)
     if not is_number or not 0 <= share <= 1:
         raise ValueError("a share from 0 to 1 is expected, such as 2% or 0.02")

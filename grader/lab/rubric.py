@@ -52,7 +52,15 @@ from grader.lab.references import (
     readable_interfaces,
 )
 from grader.lab.steps import STEPS, Step
-from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, parse_yaml, read_text, suggestion
+from grader.lab.yaml_with_lines import (
+    Fault,
+    Loc,
+    Strict,
+    mistakes_at,
+    parse_yaml,
+    read_text,
+    suggestion,
+)
 from grader.recording.definitions import also_defined
 from grader.recording.interfaces import InterfacePackage
 
@@ -77,7 +85,7 @@ Points = Annotated[
 ]
 
 
-def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[Fault]:
     """Find points that differ from the sum of their parts; values that are not numbers are other mistakes."""
     wholes: list[tuple[Loc, Any, str, Any]] = [
         (("lab",), plain.get("lab"), "criteria", plain.get("criteria"))
@@ -108,6 +116,17 @@ class LabSpec(Parameters):
     ros: str | None = Field(
         None,
         description="Distribution of ROS that the handout was written for; the report names it.",
+    )
+    build_timeout_s: float = Field(
+        90.0,
+        gt=0,
+        le=100,
+        description="Time for `colcon build` of a submission's packages; what takes longer is undecided.",
+    )
+    requirements: tuple[str, ...] = Field(
+        (),
+        description="Python packages for students' programs besides NumPy and SciPy, in the form of pip, "
+        "e.g. `transforms3d>=0.4`; `grade --python lab` installs them.",
     )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
     handout: str | None = Field(
@@ -193,7 +212,9 @@ def _step(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, dict):
         kinds += [str(key) for key in value if key != "label"]
     if len(kinds) != 1 or kinds[0] not in STEPS:
-        near = suggestion(kinds[0], STEPS) if len(kinds) == 1 else ""
+        near = ""
+        if len(kinds) == 1:
+            near = suggestion(kinds[0], STEPS)
         raise ValueError(
             f"a step has one key of {', '.join(STEPS)}, and a label where checks refer to it{near}"
         )
@@ -221,7 +242,7 @@ class SessionSpec(Parameters):
 
     @model_validator(mode="after")
     def _labels_are_different(self) -> SessionSpec:
-        wrong: list[tuple[Loc, str]] = []
+        wrong: list[Fault] = []
         earlier: set[str | None] = {None}
         for number, step in enumerate(self.steps):
             if step.label is not None and step.label in earlier:
@@ -312,6 +333,11 @@ class CheckSpec(_OfKind):
         alias="with", default_factory=dict, validate_default=True
     )
     requires: tuple[EarlierCheckId, ...] = ()
+    also_in: tuple[SessionId, ...] = Field(
+        (),
+        description="Other sessions that can show it. If it fails in its own, the checks that require it are judged in "
+        "the first of these sessions where it is passed.",
+    )
     cause: str | None = Field(
         None,
         description="Name of the mistake. Its dearest check charges it; its other checks are excused.",
@@ -448,7 +474,7 @@ class RubricFile(Parameters):
 
     @model_validator(mode="after")
     def _criteria_are_different(self) -> RubricFile:
-        wrong: list[tuple[Loc, str]] = []
+        wrong: list[Fault] = []
         earlier: set[str] = set()
         for key, criteria in (("criteria", self.criteria), ("bonus", self.bonus)):
             for number, criterion in enumerate(criteria):
@@ -464,7 +490,7 @@ class RubricFile(Parameters):
     def _bonus_has_sessions(self) -> RubricFile:
         """Require a session that starts an artifact from each bonus check, to tell whether the bonus was submitted."""
         words = "a check of the bonus needs a session that starts an artifact"
-        wrong: list[tuple[Loc, str]] = []
+        wrong: list[Fault] = []
         for n, criterion in enumerate(self.bonus):
             for m, check in enumerate(criterion.checks):
                 if not self.needed_first(check):
@@ -608,18 +634,15 @@ def json_schema(
         if spec is CheckSpec:
             known = {"anyOf": [known, {"type": "string", "pattern": _OWN_PATTERN}]}
         part["properties"][spec.key] |= known
-        part["allOf"] = [
-            {
-                "if": {"properties": {spec.key: {"const": name}}},
-                "then": {"properties": {"with": ref(model)}},
-            }
-            for name, model in {**models, **more}.items()
-        ]
+        part["allOf"] = []
+        for name, model in {**models, **more}.items():
+            chosen = {"properties": {spec.key: {"const": name}}}
+            given = {"properties": {"with": ref(model)}}
+            part["allOf"].append({"if": chosen, "then": given})
     person = ref(kinds.checks[BY_PERSON])["$ref"].rpartition("/")[2]
-    graded = {
-        "by": {"const": BY_PERSON},
-        **{key: defs[person]["properties"][key] for key in _GRADED},
-    }
+    graded = {"by": {"const": BY_PERSON}}
+    for key in _GRADED:
+        graded[key] = defs[person]["properties"][key]
     for name, instead in (("CheckSpec", "check"), ("CriterionSpec", "checks")):
         defs[name]["properties"] |= graded
         defs[name]["required"].remove(instead)

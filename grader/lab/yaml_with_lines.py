@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from typing import Self
 
 Loc = tuple[str | int, ...]
+#: A mistake in a YAML file: its place, and its description.
+Fault = tuple[Loc, str]
 
 _INT = "tag:yaml.org,2002:int"
 _TIMESTAMP = "tag:yaml.org,2002:timestamp"
@@ -92,7 +94,7 @@ def meant(word: str, known: Sequence[str]) -> str:
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
-def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
+def mistakes_at(found: Iterable[Fault]) -> ValidationError:
     """Return pydantic's error for mistakes at places below the validated value."""
     details: list[InitErrorDetails] = []
     for loc, words in found:
@@ -164,7 +166,10 @@ class Mistakes:
 
     def error(self, remedy: str) -> RubricError:
         """Return the error with all mistakes, in the order of their lines."""
-        count = "1 mistake" if len(self.found) == 1 else f"{len(self.found)} mistakes"
+        if len(self.found) == 1:
+            count = "1 mistake"
+        else:
+            count = f"{len(self.found)} mistakes"
         messages = [message for _, message in sorted(self.found)]
         problem = f"{self.what} has {count}"
         return RubricError(problem, messages, location=str(self.path), remedy=remedy)

@@ -206,7 +206,8 @@ class BagWriter:
     def note_damage(self, damage: Sequence[str]) -> None:
         """Note the unreadable parts of the bag from which this one is made, if any."""
         if damage:
-            self._writer.add_metadata(DAMAGE, {str(n): words for n, words in enumerate(damage)})
+            numbered = {str(n): words for n, words in enumerate(damage)}
+            self._writer.add_metadata(DAMAGE, numbered)
 
     def flush(self) -> None:
         """Hand all written data to the system; it outlives a kill of this process."""
@@ -315,7 +316,9 @@ class Stream:
 
     @property
     def _decoder(self) -> _Decoder | None:
-        return _decoder(self.topic_type, self.definition) if self.definition else None
+        if self.definition:
+            return _decoder(self.topic_type, self.definition)
+        return None
 
     @functools.cached_property
     def messages(self) -> tuple[object | None, ...]:
@@ -345,7 +348,10 @@ class Stream:
 def _pick(value: Any, steps: Sequence[str | int]) -> Any:
     try:
         for step in steps:
-            value = value[step] if isinstance(step, int) else getattr(value, step)
+            if isinstance(step, int):
+                value = value[step]
+            else:
+                value = getattr(value, step)
     except (AttributeError, IndexError, TypeError):
         return None
     return value
@@ -453,12 +459,15 @@ class Bag:
             topic_type = self._most_frequent_type(topic)
         rows = self._rows(topic, topic_type)
         data = tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows)
-        found, _ = self._contents.get((topic, topic_type), (None, []))
-        definition = found.definition if found is not None else None
-        decoder = _decoder(topic_type, definition) if definition is not None else None
         read = len(data)
-        if decoder is not None:
-            read = readable_messages(topic_type, decoder.types, data, self._most_values)
+        definition = None
+        found, _ = self._contents.get((topic, topic_type), (None, []))
+        if found is not None:
+            definition = found.definition
+        if definition is not None:
+            decoder = _decoder(topic_type, definition)
+            if decoder is not None:
+                read = readable_messages(topic_type, decoder.types, data, self._most_values)
         rows = rows[:read]
         return Stream(
             topic,

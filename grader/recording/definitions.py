@@ -119,8 +119,10 @@ def _needed_fields(topic_type: str) -> dict[str, list[dict[str, Any]]]:
         raise DefinitionNotFound(topic_type)
     needed = [topic_type]
     for name in needed:
-        nested = (field["type"]["nested_type_name"] for field in fields[name])
-        needed += [n for n in dict.fromkeys(nested) if n and n not in needed]
+        for field in fields[name]:
+            nested = field["type"]["nested_type_name"]
+            if nested and nested not in needed:
+                needed.append(nested)
     return {name: fields[name] for name in needed}
 
 
@@ -228,7 +230,9 @@ def installed_fields(name: str) -> Mapping[str, str] | None:
         known: Mapping[str, Any] = definition_of(name).types(name)
     except DefinitionNotFound:
         known = _types_of_rosbags()  # Types of ROS itself are known on machines without ROS, too.
-    return _spelled_fields(known[name][1]) if name in known else None
+    if name in known:
+        return _spelled_fields(known[name][1])
+    return None
 
 
 def _spelled_fields(fields: Sequence[tuple[str, tuple[int, Any]]]) -> Mapping[str, str]:
@@ -246,7 +250,9 @@ def _spelled(nodetype: int, kind: Any) -> str:
     """Spell a type of `rosbags`: 1 is a primitive, 2 a message, 3 an array, and 4 a sequence of one of these."""
     if nodetype in (3, 4):
         return f"{_spelled(*kind[0])}[]"
-    return str(kind[0] if nodetype == 1 else kind)
+    if nodetype == 1:
+        return str(kind[0])
+    return str(kind)
 
 
 def types_in(package: str, folder: str) -> tuple[str, ...]:

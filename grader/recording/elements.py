@@ -72,7 +72,9 @@ def _bound(topic_type: str, types: _Types) -> tuple[int, float]:
             return size_of(inner)
         if form == _BASE:
             is_text = inner[0] == "string"
-            return 1, _TEXT_BYTES if is_text else _SIZES.get(inner[0], 1)
+            if is_text:
+                return 1, _TEXT_BYTES
+            return 1, _SIZES.get(inner[0], 1)
         element, length = inner
         if _is_number(element):
             return 1, 1
@@ -120,7 +122,9 @@ class _Counter:
             self._skip(inner[0], 1)
         else:
             element, length = inner
-            self._several(element, length if form == _ARRAY else self._length())
+            if form != _ARRAY:
+                length = self._length()
+            self._several(element, length)
 
     def _several(self, element: _Kind, length: int) -> None:
         self._add()
@@ -151,4 +155,5 @@ class _Counter:
             return
         size = _SIZES.get(name, 1)
         alignment = min(size, _LONGEST_ALIGNMENT)
-        self._place = ((self._place + alignment - 1) & -alignment) + size * length
+        start = (self._place + alignment - 1) & -alignment
+        self._place = start + size * length

@@ -74,7 +74,10 @@ class InterfacePackage:
         for file, text in self.files.items():
             path = PurePosixPath(file)
             parts = PARTS[path.parent.name]
-            sections = [text] if len(parts) == 1 else _SEPARATOR.split(text)
+            if len(parts) == 1:
+                sections = [text]
+            else:
+                sections = _SEPARATOR.split(text)
             if len(sections) != len(parts):
                 raise ValueError(f"{file}: {len(parts) - 1} lines of --- are needed")
             for part, section in zip(parts, sections, strict=True):
@@ -104,7 +107,10 @@ def packages_of(files: Mapping[str, str]) -> Iterator[InterfacePackage]:
     for folder, found in folders.items():
         manifest = files.get(str(folder / "package.xml"), "")
         named = re.search(r"<name>\s*([\w-]{1,100})\s*</name>", manifest)
-        yield InterfacePackage(named[1] if named is not None else folder.name, found)
+        name = folder.name
+        if named is not None:
+            name = named[1]
+        yield InterfacePackage(name, found)
 
 
 def read_folder(folder: Path) -> dict[str, str]:

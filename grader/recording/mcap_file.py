@@ -94,7 +94,9 @@ class Contents:
         """Return the first unreadable parts, and the number of further ones."""
         said = self.damage[:_MOST_SAID]
         more = len(self.damage) - len(said)
-        return (*said, f"and {more} more") if more else tuple(said)
+        if more:
+            return (*said, f"and {more} more")
+        return tuple(said)
 
 
 @dataclass

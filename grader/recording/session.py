@@ -103,6 +103,11 @@ class ProcessRun:
     #: Delays by the machine: [begin of a span, its length, delay within it], in ns. None if it was not watched.
     disturbed: list[list[int]] | None = None
 
+    @property
+    def ended_unasked(self) -> bool:
+        """True if it ended, and was not interrupted before."""
+        return self.exited_ns is not None and self.interrupted_ns is None
+
 
 @dataclass
 class Qos:
@@ -195,6 +200,8 @@ class StepRun:
 
 #: Kind of a claim about a use of ROS 2 that only a newer one knows, and that was made to work.
 NEWER_IDIOM = "newer_idiom"
+#: Kind of a claim about another value of a session's variable, such as ROS_DOMAIN_ID.
+SESSION_VARIABLE = "session_variable"
 
 
 @dataclass
@@ -202,8 +209,8 @@ class Claim:
     """A note of the tap in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
-    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node", or
-    #: NEWER_IDIOM.
+    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node",
+    #: NEWER_IDIOM, or SESSION_VARIABLE.
     kind: str
     #: As given in the call (not expanded); period in seconds for a timer.
     name: str
@@ -243,8 +250,9 @@ def asked_for(endpoint: Endpoint, claims: Iterable[Claim]) -> Claim | None:
     """Return the claim of an endpoint, in any namespace; of several claims one of the endpoint's own node."""
     first = None
     for claim in claims:
-        is_other = claim.kind != endpoint.kind or _plain(claim.name) != _plain(endpoint.topic)
-        if is_other:
+        if claim.kind != endpoint.kind:
+            continue
+        if _plain(claim.name) != _plain(endpoint.topic):
             continue
         if _plain(claim.node) == _plain(endpoint.node):
             return claim

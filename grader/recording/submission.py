@@ -33,7 +33,8 @@ class Person:
 
     def completed(self, other: Person) -> Person:
         """Return these facts, with those of another record of the person where these are empty."""
-        return Person(**{fact: text or getattr(other, fact) for fact, text in vars(self).items()})
+        facts = {fact: text or getattr(other, fact) for fact, text in vars(self).items()}
+        return Person(**facts)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,14 +61,18 @@ class Identity:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of a single person; none of several, because no name of one stands for all."""
-        return self.people[0].names if len(self.people) == 1 else ()
+        if len(self.people) == 1:
+            return self.people[0].names
+        return ()
 
     def completed(self, other: Identity) -> Identity:
         """Return this identity, with the facts of another one of the same submission where this one has none."""
         people = self.people or other.people
         if self.people and other.people:
             people = (people[0].completed(other.people[0]), *people[1:])
-        return Identity(people, self.system or other.system, self.handback or other.handback)
+        system = self.system or other.system
+        handback = self.handback or other.handback
+        return Identity(people, system, handback)
 
 
 @dataclass
@@ -119,6 +124,25 @@ class PackageFact:
 
 
 @dataclass
+class BuildFact:
+    """The outcome of `colcon build` for a package of the submission."""
+
+    package: str
+    #: Folder of its package.xml, relative to the root; "" for the root itself.
+    path: str
+    #: "built", "failed", "ignored" (colcon did not find it) or "not built" (through no fault of the submission).
+    outcome: str
+    #: Why it was not built; empty for each other outcome.
+    reason: str = ""
+    #: Words of colcon, setuptools and CMake; beginning and end of a long output.
+    output: str = ""
+    #: Installed files below the package's own prefix.
+    installed: list[str] = field(default_factory=list)
+    #: Installed executables that the system cannot start, because they have no `#!` line.
+    without_interpreter: list[str] = field(default_factory=list)
+
+
+@dataclass
 class SubmissionRecord:
     """Static facts of one submission."""
 
@@ -155,12 +179,23 @@ class SubmissionRecord:
     #: Packages of interfaces that were not built here, through no fault of the submission -> reason; None if
     #: none were built.
     not_built: dict[str, str] | None = None
+    #: Builds of the packages; None if the grader did not build, as on machines without colcon.
+    builds: list[BuildFact] | None = None
     #: The lab of the recording: its id and hash (`grader.lab.kept_lab.identity_of`), and its folder.
     lab_id: str = ""
     lab_sha256: str = ""
     lab_folder: str = ""
     #: Files that the rubric names -> their hashes.
     lab_files: dict[str, str] = field(default_factory=dict)
+
+    def build_of(self, package: PackageFact) -> BuildFact | None:
+        """Return the build of a package, or None if the grader did not build it."""
+        if self.builds is None:
+            return None
+        for build in self.builds:
+            if build.path == package.path:
+                return build
+        return None
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact with a name, or None if the rubric has no such artifact."""

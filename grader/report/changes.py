@@ -151,7 +151,10 @@ def _arrow(texts: Iterable[str]) -> str:
 
 def _step(before: Decimal | None, after: Decimal | None) -> str:
     """Write points before and after: `80 → 85.5`, `none → 80`, or `80` if they are the same."""
-    return _arrow("none" if value is None else points(value) for value in (before, after))
+    texts = []
+    for value in (before, after):
+        texts.append("none" if value is None else points(value))
+    return _arrow(texts)
 
 
 def _signed(difference: Decimal) -> Text:

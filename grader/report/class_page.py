@@ -159,7 +159,8 @@ def _numbered_mistakes(summary: ClassSummary, *, shared: bool) -> list[tuple[int
     found = []
     for n, mistake in enumerate(summary.mistakes):
         count = len(mistake.made_by)
-        if (count > 1) if shared else (count == 1):
+        is_shared = count > 1
+        if count and is_shared == shared:
             found.append((n, mistake))
     return found
 
@@ -210,11 +211,17 @@ def _codes(row: Row, summary: ClassSummary) -> str:
         return "-" * (len(row.cells) + len(summary.checks))
     letters = []
     for cell in row.cells:
-        letters.append(views.cell_badge(result, cell).letter if cell else "-")
+        letter = "-"
+        if cell is not None:
+            letter = views.cell_badge(result, cell).letter
+        letters.append(letter)
     checks = {check.id: check for check in result.checks}
     for column in summary.checks:
         check = checks.get(column.id)
-        letters.append(views.badge_of(check.outcome).letter if check else "-")
+        letter = "-"
+        if check is not None:
+            letter = views.badge_of(check.outcome).letter
+        letters.append(letter)
     return "".join(letters)
 
 
@@ -278,7 +285,10 @@ def _time_and_source(
 def _remark(check: CheckStatistics, noise: float | None) -> str:
     """Write a remark if the outcomes suggest a mistake in the check itself; empty if not."""
     discrimination = check.discrimination
-    if isinstance(discrimination, float) and noise is not None and discrimination < -noise:
+    is_backwards = False
+    if isinstance(discrimination, float) and noise is not None:
+        is_backwards = discrimination < -noise
+    if is_backwards:
         return "Strong submissions fail it more often than weak ones: look at the check."
     if check.decided >= 2 and check.passed == 0:
         return "Nobody passes it: look at the check, or at what was taught."

@@ -42,7 +42,9 @@ def shown(text: str, longest: int = LONGEST) -> str:
         marks = marks + 1 if unicodedata.combining(character) else 0
         if marks <= _MOST_MARKS:
             hidden = character not in _KEPT and unicodedata.category(character) in _HIDDEN
-            kept.append(f"⟨U+{ord(character):04X}⟩" if hidden else character)
+            if hidden:
+                character = f"⟨U+{ord(character):04X}⟩"
+            kept.append(character)
     if cut:
         kept.append(" … (cut)")
     return "".join(kept)
@@ -85,7 +87,11 @@ def uncommanded(text: str) -> str:
     stay.
     """
     last = text.rfind("::")
-    parted = _COLONS.sub(lambda found: ": " if found.start() + 2 <= last else ":", text)
+
+    def parting(found: re.Match[str]) -> str:
+        return ": " if found.start() + 2 <= last else ":"
+
+    parted = _COLONS.sub(parting, text)
     return _BRACKET.sub("## ", parted)
 
 
@@ -96,7 +102,9 @@ def _percent(text: str) -> str:
 def terminal_text(text: str, limit: int = 400) -> str:
     """Return a text as one line that neither a terminal nor a CI log obeys, wherever it is broken, cut to a length."""
     whole = uncommanded(line(text, limit))
-    return whole if len(whole) <= limit else whole[: limit - 1] + "…"
+    if len(whole) <= limit:
+        return whole
+    return whole[: limit - 1] + "…"
 
 
 # -- Markdown as GitHub renders it -------------------------------------------------------------
@@ -153,6 +161,8 @@ def _prose(text: str) -> str:
     """Write each character that could be markup by its number: `*` as `&#42;`."""
     written = ""
     for character in text:
-        is_inert = character.isalnum() or character in _INERT or not character.isascii()
-        written += character if is_inert else f"&#{ord(character)};"
+        is_inert = character.isalnum() or character in _INERT
+        if character.isascii() and not is_inert:
+            character = f"&#{ord(character)};"
+        written += character
     return written

@@ -5,13 +5,13 @@ The page works without scripts, and is shown where none may run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 
 from grader.evidence.recorded import Recorded
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
 from grader.report.figures.posture import Motion
-from grader.report.figures.svg import Figure
+from grader.report.figures.svg import Figure, FiguresOf
 from grader.report.page import render_page
 from grader.report.timeline import timeline_of
 from grader.result import WHOLE, CheckResult, Location, Result, Violation
@@ -23,7 +23,7 @@ _MOST_CHARACTERS = 20_000
 def render(
     result: Result,
     what: str,
-    figures: Mapping[str, Sequence[Figure]],
+    figures: FiguresOf,
     recordings: Mapping[str, Recorded],
     submission: SubmissionRecord,
 ) -> str:
@@ -84,7 +84,7 @@ def _violations(result: Result, what: str, checks: Iterable[CheckResult]) -> Ite
 
 
 def _shown(
-    figures: Mapping[str, Sequence[Figure]],
+    figures: FiguresOf,
     checks: Iterable[CheckResult],
     sessions: set[str | None],
 ) -> list[Figure]:
@@ -100,7 +100,7 @@ def _shown(
     return of_checks or of_sessions
 
 
-def _still(figures: Mapping[str, Sequence[Figure]]) -> Iterator[Figure]:
+def _still(figures: FiguresOf) -> Iterator[Figure]:
     """Yield the figures without players, which need the scripts of the report."""
     for drawn in figures.values():
         for figure in drawn:

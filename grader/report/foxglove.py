@@ -56,10 +56,11 @@ def _plots(recorded: Recorded) -> Iterator[dict[str, Any]]:
     """Yield a plot of each topic with numbers; topics that the session waits for come first."""
     topics = set()
     for info in recorded.bag.topics:
-        is_hidden = "/_" in info.topic
-        if info.count and not is_hidden and info.topic not in _NO_QUANTITY:
+        is_left_out = "/_" in info.topic or info.topic in _NO_QUANTITY
+        if info.count and not is_left_out:
             topics.add(info.topic)
-    for topic in sorted(topics, key=lambda name: (name not in recorded.awaited, name)):
+    awaited = topics & set(recorded.awaited)
+    for topic in [*sorted(awaited), *sorted(topics - awaited)]:
         paths = _paths(recorded, topic)
         if paths:
             yield _plot(topic, paths)

@@ -61,7 +61,9 @@ def csv_text(
         cells = []
         for value in row:
             cell = csv_cell(value)
-            cells.append(points(cell) if isinstance(cell, Decimal) else str(cell))
+            if isinstance(cell, Decimal):
+                cell = points(cell)
+            cells.append(str(cell))
         writer.writerow(cells)
     return BYTE_ORDER_MARK + text.getvalue()
 

@@ -12,7 +12,7 @@ from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
 from grader.report.figures.posture import Motion
-from grader.report.figures.svg import Figure
+from grader.report.figures.svg import Figure, FiguresOf
 from grader.report.page import render_page
 from grader.report.timeline import timeline_of
 from grader.result import Outcome, Result
@@ -20,7 +20,7 @@ from grader.result import Outcome, Result
 
 def render(
     result: Result,
-    figures: Mapping[str, Sequence[Figure]],
+    figures: FiguresOf,
     recordings: Mapping[str, Recorded],
     submission: SubmissionRecord,
     before: Result | None = None,
@@ -40,22 +40,25 @@ def render(
         sessions[name] = recorded.record
         timelines[name] = timeline_of(recorded, result)
     started_ns = [record.started_ns for record in sessions.values()]
+    recorded_at = views.utc(min(started_ns, default=0))
     losses = views.losses_of(result)
     placed = _Placed.of(figures, losses)
+    players = [(figure, views.moments_of(result, figure)) for figure in placed.players]
+    most = views.points(result.final + result.still_undecided)
     return render_page(
         "report.html.j2",
         ("report.css", "player.css", "timeline.css"),
         ("report.js", "player.js", "timeline.js"),
         result=result,
         score=views.final_share(result),
-        most=views.points(result.final + result.still_undecided),
+        most=most,
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),
         said=views.said_of(result),
-        recorded=views.utc(min(started_ns, default=0)),
+        recorded=recorded_at,
         lost=losses,
         beside=placed.beside,
-        players=[(figure, views.moments_of(result, figure)) for figure in placed.players],
+        players=players,
         figures=placed.others,
         sessions=sessions,
         timelines=timelines,
@@ -111,12 +114,12 @@ class _Placed:
     #: Figures to be played.
     players: Sequence[Figure]
     #: Figures beside lost points.
-    beside: Mapping[str, Sequence[Figure]]
+    beside: FiguresOf
     #: Further figures by the criterion's id.
-    others: Mapping[str, Sequence[Figure]]
+    others: FiguresOf
 
     @classmethod
-    def of(cls, figures: Mapping[str, Sequence[Figure]], losses: Sequence[views.Loss]) -> _Placed:
+    def of(cls, figures: FiguresOf, losses: Sequence[views.Loss]) -> _Placed:
         """Place each figure once."""
         players = []
         still = []

@@ -224,7 +224,9 @@ def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
     ids = ", ".join(check.id for check in checks)
     body.append(f"  {ids}", "dim")
     _append_details(body, first)
-    table.add_row(Text(badge.sign, badge.colour), body, Text(_points_of(checks), badge.colour))
+    sign = Text(badge.sign, badge.colour)
+    amount = Text(_points_of(checks), badge.colour)
+    table.add_row(sign, body, amount)
 
 
 def _append_details(body: Text, check: CheckResult) -> None:

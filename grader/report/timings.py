@@ -51,7 +51,10 @@ def _sessions_table(watch: Stopwatch, sessions: Mapping[str, Any]) -> Table:
         if run is last[run.session]:
             cpu_s = sessions.get(run.session, {}).get("cpu_s", {})
         for role in (*_ROLES, "grader"):
-            cells.append(_seconds(cpu_s[role]) if role in cpu_s else "")
+            used = ""
+            if role in cpu_s:
+                used = _seconds(cpu_s[role])
+            cells.append(used)
         table.add_row(Text(terminal_text(run.session)), *map(Text, cells))
     return table
 

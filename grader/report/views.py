@@ -74,7 +74,9 @@ def badge_of(outcome: Outcome) -> Badge:
 def points(value: Decimal) -> str:
     """Write points without trailing zeros."""
     text = f"{value:f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    if "." in text:
+        return text.rstrip("0").rstrip(".")
+    return text
 
 
 def tenths(value: Decimal) -> str:
@@ -105,14 +107,11 @@ class Share:
 def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)) -> Share:
     """Describe points; the badge shows the outcome of the whole."""
     whole = possible or Decimal(1)
-    return Share(
-        points(earned),
-        points(possible),
-        points(undecided) if undecided else "",
-        f"{100 * earned / whole:.2f}",
-        f"{100 * undecided / whole:.2f}",
-        badge_of(outcome_of_points(earned, possible, undecided)),
-    )
+    open_points = points(undecided) if undecided else ""
+    earned_part = f"{100 * earned / whole:.2f}"
+    undecided_part = f"{100 * undecided / whole:.2f}"
+    badge = badge_of(outcome_of_points(earned, possible, undecided))
+    return Share(points(earned), points(possible), open_points, earned_part, undecided_part, badge)
 
 
 @dataclass(frozen=True)
@@ -243,15 +242,17 @@ def _adjustment_view(each: Adjustment, titles: Mapping[str, tuple[str, str]]) ->
     if kind:
         href = "#" + anchor(kind, each.what)
     decided = [each.who, each.when.replace("T", " ")]
+    by = ", ".join(filter(None, decided))
+    is_appeal = each.kind is AdjustmentKind.APPEAL
     return AdjustmentView(
         points=signed(each.points),
         style=style,
         title=_adjustment_title(each, title),
         href=href,
         reason=each.reason,
-        by=", ".join(filter(None, decided)),
+        by=by,
         comment=each.comment,
-        is_appeal=each.kind is AdjustmentKind.APPEAL,
+        is_appeal=is_appeal,
     )
 
 
@@ -414,7 +415,10 @@ def location_of(
 ) -> ShownLocation:
     """Put a location in words, with its source lines and a link to its process's output or its session."""
     if where.file:
-        lines = _excerpt(texts, where.file, where.line) if where.line else ()
+        if where.line:
+            lines = _excerpt(texts, where.file, where.line)
+        else:
+            lines = ()
         return ShownLocation(str(where), "", lines)
     session = where.session or ""
     process = where.process or ""
@@ -462,7 +466,9 @@ def moments_of(result: Result, figure: Figure) -> list[Moment]:
         where = _first_in(check, figure.session)
         if where is None or where.start_s is None:
             continue
-        end_s = where.start_s if where.end_s is None else where.end_s
+        end_s = where.end_s
+        if end_s is None:
+            end_s = where.start_s
         start_ms = min(max(round(where.start_s * 1000), first_ms), last_ms)
         end_ms = min(max(round(end_s * 1000), first_ms), last_ms)
         left = 1000 * (start_ms - first_ms) / whole_ms
@@ -677,8 +683,8 @@ def chosen_words(chosen: ChosenFile) -> str:
         listed += f" and {left} more"
     words = f"{chosen.path} was graded"
     if chosen.why:
-        words += "; " if chosen.is_open else ", because "
-        words += chosen.why
+        joined = "; " if chosen.is_open else ", because "
+        words += f"{joined}{chosen.why}"
     words += f". Not graded: {listed}."
     if chosen.is_open:
         words += " Your instructor is asked to look."

@@ -90,11 +90,11 @@ def _foreign(source: SubmissionSource, rubric: Rubric, names: Sequence[str]) -> 
             wanted.append(spec.file)
     notebooks = [name for name in names if name.lower().endswith(_NOTEBOOK)]
     if notebooks:
-        return SubmissionError(
-            f"its programs are in a notebook, {displayed(notebooks[0])}, and nodes start from files",
-            location=source.location,
-            remedy=f"Hand in the programs as files: {', '.join(wanted)}.",
+        problem = (
+            f"its programs are in a notebook, {displayed(notebooks[0])}, and nodes start from files"
         )
+        remedy = f"Hand in the programs as files: {', '.join(wanted)}."
+        return SubmissionError(problem, location=source.location, remedy=remedy)
     return SubmissionError(
         f"nothing in it looks like a submission to lab {rubric.lab.id}; it may be of another lab",
         location=source.location,
@@ -161,7 +161,9 @@ def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
             closed.append(name)
     if not closed:
         return
-    more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
+    more = ""
+    if len(closed) > 1:
+        more = f" and {len(closed) - 1} more"
     raise SubmissionError(
         f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
         location=intake.source.location,
@@ -184,10 +186,12 @@ def collect_files(folder: Path, record: SubmissionRecord) -> None:
     for path in sorted(paths, key=_files_first):
         content = (folder / path).read_bytes()
         digest = hashlib.sha256(content).hexdigest()
-        record.files.append(FileFact(path.as_posix(), len(content), digest))
+        name = path.as_posix()
+        record.files.append(FileFact(name, len(content), digest))
+        is_read = path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES
         is_text = b"\0" not in content or content.startswith(_UTF_16)
-        if is_text and path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES:
-            record.texts[path.as_posix()] = decode_text(content)
+        if is_read and is_text:
+            record.texts[name] = decode_text(content)
     _limit_texts(record.texts)
 
 
@@ -196,7 +200,10 @@ def _given_texts(rubric: Rubric) -> dict[str, str]:
     if rubric.lab.handout is None:
         return {}
     handout = rubric.folder / rubric.lab.handout
-    paths = [handout] if handout.is_file() else sorted(handout.rglob("*"))
+    if handout.is_file():
+        paths = [handout]
+    else:
+        paths = sorted(handout.rglob("*"))
     texts = {}
     for path in paths:
         if path.suffix.lower() in TEXT_SUFFIXES and path.is_file():
@@ -212,10 +219,18 @@ def _files_first(path: Path) -> list[tuple[bool, str]]:
     return key
 
 
+def _nearest_to_root(path: PurePosixPath) -> tuple[int, str]:
+    return len(path.parts), str(path)
+
+
 def _limit_texts(texts: dict[str, str]) -> None:
     """Drop the largest texts if all of them would be too much to judge; people write smaller ones."""
     total = sum(map(len, texts.values()))
-    for path in sorted(texts, key=lambda path: (-len(texts[path]), path)):
+
+    def largest_first(path: str) -> tuple[int, str]:
+        return -len(texts[path]), path
+
+    for path in sorted(texts, key=largest_first):
         if total <= MAX_TEXTS_CHARACTERS:
             return
         total -= len(texts.pop(path))
@@ -336,7 +351,11 @@ def _candidates(
 
 
 def _named_in(text: str, programs: frozenset[str]) -> int:
-    return sum(re.search(rf"\b{re.escape(program)}\b", text) is not None for program in programs)
+    named = 0
+    for program in programs:
+        if re.search(rf"\b{re.escape(program)}\b", text):
+            named += 1
+    return named
 
 
 def _matches_any(patterns: Iterable[str], path: PurePosixPath) -> bool:
@@ -358,13 +377,14 @@ def _chosen(
     choice = chooser.choose(fact.name, files)
     others = [str(path) for path in files if path != choice.path]
     passed_over = list(map(str, choice.others))
+    why = choice.why if passed_over else ""
     return replace(
         fact,
         path=str(choice.path),
         found_by=found_by,
         candidates=others,
         passed_over=passed_over,
-        why=choice.why if passed_over else "",
+        why=why,
         is_open=choice.is_open,
     )
 
@@ -388,7 +408,7 @@ def by_pattern(name: str, spec: ArtifactSpec, paths: Sequence[PurePosixPath]) ->
     for patterns in _names_by_rank(spec):
         hits = [path for path in paths if _matches_any(patterns, path)]
         if hits:
-            first, *others = sorted(hits, key=lambda path: (len(path.parts), str(path)))
+            first, *others = sorted(hits, key=_nearest_to_root)
             return ArtifactFact(name, spec.file, str(first), "name", list(map(str, others)))
     return ArtifactFact(name, spec.file)
 

@@ -58,15 +58,16 @@ def open_beneath(
 
 def _parts(path: str | PurePath) -> list[str]:
     found = PurePosixPath(path)
-    if found.is_absolute() or ".." in found.parts or "\0" in str(path):
+    is_outside = found.is_absolute() or ".." in found.parts
+    if is_outside or "\0" in str(path):
         raise OSError(errno.EXDEV, "this path leads outside of its folder", str(path))
     return list(found.parts)
 
 
 def _opened(top: int | Path) -> AbstractContextManager[int]:
-    return (
-        nullcontext(top) if isinstance(top, int) else _closing(os.open(top, os.O_RDONLY | _FOLDER))
-    )
+    if isinstance(top, int):
+        return nullcontext(top)
+    return _closing(os.open(top, os.O_RDONLY | _FOLDER))
 
 
 @contextmanager

@@ -154,15 +154,19 @@ class Chooser:
             if any(map(within.holds, candidates.worded)):
                 worded.add(name)
         own = self._found[artifact]
+        rank = min(own.ranks.get(path, 0) for path in files)
+        own_words = any(path in own.worded for path in files)
+        in_package = any(map(self._is_in_package, files))
+        programs = max(own.programs.get(path, 0) for path in files)
         return _Group(
             folder,
             tuple(files),
             frozenset(named),
             frozenset(worded),
-            min(own.ranks.get(path, 0) for path in files),
-            any(path in own.worded for path in files),
-            any(map(self._is_in_package, files)),
-            max(own.programs.get(path, 0) for path in files),
+            rank,
+            own_words,
+            in_package,
+            programs,
         )
 
     def _is_in_package(self, path: PurePosixPath) -> bool:

@@ -138,11 +138,14 @@ class Collections:
         """Return the wrappers from outside to the first folder that is not one, and the decision of the rules about it."""
         way = [listing]
         while True:
-            decided = self._is_collection(way[-1])
-            inner = way[-1].only_folder
-            if decided is not None or inner is None or len(way) > _MOST_WRAPPERS:
+            last = way[-1]
+            decided = self._is_collection(last)
+            inner = last.only_folder
+            if decided is not None or inner is None:
                 return way, decided
-            way.append(way[-1].entered(inner))
+            if len(way) > _MOST_WRAPPERS:
+                return way, decided
+            way.append(last.entered(inner))
 
     def _is_collection(self, listing: Listing) -> bool | None:
         """Apply the rules to the entries of a folder; returns None if no rule applies."""
@@ -159,7 +162,8 @@ class Collections:
             return True
         if listing.only_folder in parts and self._wraps_students(listing):
             return None
-        if _PACKAGE_MARKS & set(listing.entries) or any(held[name] for name in parts):
+        is_package = bool(_PACKAGE_MARKS & set(listing.entries))
+        if is_package or any(held[name] for name in parts):
             return False
         return self._by_form(listing, students)
 
@@ -262,8 +266,8 @@ class Collections:
         for student in students:
             artifacts, programs = self._by_patterns(student)
             found.append(artifacts)
-            if artifacts and programs and not self.artifacts(student.files):
-                foreign = True
+            if artifacts and programs:
+                foreign = foreign or not self.artifacts(student.files)
         return foreign and _share_one(found)
 
     def _by_patterns(self, listing: Listing) -> tuple[frozenset[str], set[str]]:

@@ -105,16 +105,20 @@ def find_submissions(
         students = read_class_list(class_list)
         sources, missing, unclear = _with_class_list(sources, plain, students)
         search.understood += [*_unread_times(students), *unclear]
-        if sources and students and len(missing) == len(students):
+        nobody_handed_in = len(missing) == len(students)
+        if sources and students and nobody_handed_in:
             _refuse_unknown_students(sources, class_list)
-    ordered = tuple(sorted(sources, key=lambda source: (source.name.casefold(), source.name)))
     return Discovery(
-        ordered,
+        tuple(sorted(sources, key=_by_name)),
         tuple(search.understood),
         tuple(search.not_understood),
         missing,
         tuple(search.doubts),
     )
+
+
+def _by_name(source: SubmissionSource) -> tuple[str, str]:
+    return source.name.casefold(), source.name
 
 
 class _Search:
@@ -275,11 +279,12 @@ class _Search:
         if first.student_id and first.student_id != first.student:
             named = f"{first.student}_{first.student_id}"
         source = self._delivered(listing, uploads)
+        identity = replace(source.identity, people=people, system=system.name)
         source = replace(
             source,
             student=first.student,
             student_id=first.student_id or None,
-            identity=replace(source.identity, people=people, system=system.name),
+            identity=identity,
             location=f"{listing.location}: {displayed(named)}",
             origin=listing.origin,
         )
@@ -464,7 +469,8 @@ def _with_class_list(
         bearer = Student(
             source.name, source.student_id, source.submitted_at, time_source=source.time_source
         )
-        items.append((bearer, (source.student, names[_origin(source)], *source.identity.names)))
+        others = (source.student, names[_origin(source)], *source.identity.names)
+        items.append((bearer, others))
     named = []
     unclear = []
     there: set[int] = set()
@@ -473,15 +479,14 @@ def _with_class_list(
         remark = _unclear(source, match, students)
         if remark:
             unclear.append(remark)
-        named.append(
-            replace(
-                source,
-                student_id=match.student_id,
-                submitted_at=match.submitted_at,
-                time_source=match.time_source,
-                identity=match.completed(source.identity),
-            )
+        known = replace(
+            source,
+            student_id=match.student_id,
+            submitted_at=match.submitted_at,
+            time_source=match.time_source,
+            identity=match.completed(source.identity),
         )
+        named.append(known)
     missing = []
     for index, student in enumerate(students):
         if index not in there:
@@ -492,7 +497,9 @@ def _with_class_list(
 def _first_of(names: Sequence[str]) -> str:
     """Return the first names of a list, such as "alice, bob, carol, ..."."""
     first = ", ".join(names[:_MOST_LISTED])
-    return f"{first}, ..." if len(names) > _MOST_LISTED else first
+    if len(names) > _MOST_LISTED:
+        return f"{first}, ..."
+    return first
 
 
 def _unread_times(students: Sequence[Student]) -> list[str]:
@@ -500,7 +507,10 @@ def _unread_times(students: Sequence[Student]) -> list[str]:
     unread = [student.unread_time for student in students if student.unread_time]
     if not unread:
         return []
-    count = "1 time" if len(unread) == 1 else f"{len(unread)} times"
+    if len(unread) == 1:
+        count = "1 time"
+    else:
+        count = f"{len(unread)} times"
     first = displayed(unread[0])
     return [
         f"The class list has {count} that could not be read, such as {first!r}; a column "

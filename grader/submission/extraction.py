@@ -183,7 +183,10 @@ class SubmissionSource:
     def of(cls, path: Path) -> SubmissionSource:
         """Return the submission at a path, with the name of its folder or archive."""
         name = Path(os.path.realpath(path)).name or "submission"
-        named = name if is_folder(path) else file_names.without_archive_suffix(name)
+        if is_folder(path):
+            named = name
+        else:
+            named = file_names.without_archive_suffix(name)
         return cls(named, (Piece(path),), location=str(path), origin=os.path.realpath(path))
 
 
@@ -314,7 +317,8 @@ class _Extraction:
             self._note(name, reason)
         lines = []
         for reason, left_out in self._reasons.items():
-            lines += [f"{file_names.displayed(name)}: {reason}" for name in left_out[:_MOST_NAMED]]
+            shown = map(file_names.displayed, left_out[:_MOST_NAMED])
+            lines += [f"{name}: {reason}" for name in shown]
             if len(left_out) > _MOST_NAMED:
                 lines.append(f"and {len(left_out) - _MOST_NAMED:,} more: {reason}")
         return tuple(lines)
@@ -332,8 +336,9 @@ class _Extraction:
             except file_names.UnfitError as reason:
                 self._note(member.name, str(reason))
                 continue
-            if added and timed and member.modified:
-                times = (self.newest or member.modified, member.modified)
+            modified = member.modified
+            if added and timed and modified:
+                times = (self.newest or modified, modified)
                 self.newest = max(times, key=latest)
 
     def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
@@ -351,7 +356,8 @@ class _Extraction:
             return False
         if _is_machine_code(head) or file_names.is_compiled(name):
             raise file_names.UnfitError("compiled code")
-        self._copy(member, parts, chain([head], pieces), self._room[suffix in _SOURCE_SUFFIXES])
+        room = self._room[suffix in _SOURCE_SUFFIXES]
+        self._copy(member, parts, chain([head], pieces), room)
         self._has_programs = self._has_programs or suffix in _PROGRAM_SUFFIXES
         return True
 
@@ -362,7 +368,9 @@ class _Extraction:
         if made is not None and made not in self._tool_folders:
             self._tool_folders.add(made)
             self._note(f"{made}/", "made by a tool")
-        return made is not None or is_folder or file_names.is_litter(parts[-1])
+        if made is not None or is_folder:
+            return True
+        return file_names.is_litter(parts[-1])
 
     def _require_fit(self, member: Member, parts: tuple[str, ...]) -> None:
         """Raise UnfitError unless a member is a regular file in a free place; notes an unreadable one."""
@@ -426,8 +434,10 @@ class _Extraction:
     def _write(self, member: Member, content: Iterator[bytes], most: int, otherwise: str) -> int:
         """Write a file of limited size, which is moved to its place later; returns the size."""
         size = member.size_bytes
+        if size > most:
+            raise file_names.UnfitError(otherwise)
         with self._partial.open("wb") as file:
-            for piece in content if size <= most else ():
+            for piece in content:
                 file.write(piece)
                 size = max(size, file.tell())
                 if size > most:
@@ -458,11 +468,12 @@ def _opened(path: Path) -> BinaryIO:
 
 def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member]:
     """Yield a file, or the contents of a folder, of an archive, with names relative to it."""
+    is_folder = part.endswith("/")
     for member in members:
         path = file_names.slashed(member.name)
-        if path == part and not part.endswith("/"):
+        if not is_folder and path == part:
             yield replace(member, name=name or PurePosixPath(part).name)
-        elif part.endswith("/") and len(path) > len(part) and path.startswith(part):
+        elif is_folder and path != part and path.startswith(part):
             yield replace(member, name=path[len(part) :])
 
 
@@ -499,7 +510,10 @@ def _members_of_class(file: BinaryIO) -> Iterator[Member]:
 
 
 def _listed(member: Member) -> str:
-    return file_names.slashed(member.name).rstrip("/") + "/" * (member.kind is Kind.FOLDER)
+    name = file_names.slashed(member.name).rstrip("/")
+    if member.kind is Kind.FOLDER:
+        return f"{name}/"
+    return name
 
 
 def text_of(folder: Path, name: str, most_bytes: int) -> str | None:
@@ -537,6 +551,9 @@ def _neighbours(path: Path) -> str:
     found = []
     with suppress(OSError):
         found = [p for p in path.parent.iterdir() if not p.name.startswith(".")]
-    there = sorted(p.name for p in found if p.is_dir() or file_names.is_packed(p.name))
+    usable = [p.name for p in found if p.is_dir() or file_names.is_packed(p.name)]
+    there = sorted(usable)
     near = difflib.get_close_matches(path.name, there, n=3, cutoff=0.5) or there[:5]
-    return f"In {path.parent}/ there is: {', '.join(near)}." if near else ""
+    if near:
+        return f"In {path.parent}/ there is: {', '.join(near)}."
+    return ""

@@ -78,12 +78,14 @@ def clean_parts(name: str) -> tuple[str, ...]:
     if ".." in parts:
         raise UnfitError("a path that leads outside the submission")
     cleaned = tuple(_clean_part(part) for part in parts)
-    if name.startswith(("/", "\\")) or (cleaned and _DRIVE.match(cleaned[0])):
+    has_drive = bool(cleaned) and _DRIVE.match(cleaned[0]) is not None
+    if has_drive or name.startswith(("/", "\\")):
         raise UnfitError("an absolute path, which leads outside the submission")
     if not cleaned or "" in cleaned:
         raise UnfitError("its name has no character that can be displayed")
     lengths = [len(part.encode()) for part in cleaned]
-    if max(lengths) > _MOST_PART_BYTES or sum(lengths) + len(lengths) > _MOST_PATH_BYTES:
+    whole = sum(lengths) + len(lengths)
+    if max(lengths) > _MOST_PART_BYTES or whole > _MOST_PATH_BYTES:
         raise UnfitError("its path is too long")
     return cleaned
 
@@ -94,7 +96,11 @@ def _parts(name: str) -> tuple[str, ...]:
 
 
 def _clean_part(part: str) -> str:
-    visible = "".join(c for c in part if c in _JOINERS or unicodedata.category(c) not in _HIDDEN)
+    visible = ""
+    for character in part:
+        is_hidden = unicodedata.category(character) in _HIDDEN
+        if character in _JOINERS or not is_hidden:
+            visible += character
     return unicodedata.normalize("NFC", visible).rstrip(". ").lstrip(" ")
 
 

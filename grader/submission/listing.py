@@ -46,7 +46,9 @@ class Listing:
         if self.within:
             return PurePosixPath(self.within).name
         name = Path(os.path.realpath(self.path)).name
-        return name if self.within is None else without_archive_suffix(name)
+        if self.within is None:
+            return name
+        return without_archive_suffix(name)
 
     @property
     def location(self) -> str:
@@ -59,7 +61,9 @@ class Listing:
     def origin(self) -> str:
         """The location of the folder, independent of the way that the path was typed."""
         path = os.path.realpath(self.path)
-        return f"{path}: {self.within}" if self.within else path
+        if self.within:
+            return f"{path}: {self.within}"
+        return path
 
     @property
     def is_repository(self) -> bool:
@@ -156,8 +160,9 @@ def _names_below(path: Path) -> Iterator[str]:
     for name, is_a_folder in _listed(path, _MOST_ENTRIES):
         if not is_a_folder:
             yield name
-        else:
-            yield from list(_walk(path / name, f"{name}/")) or [f"{name}/"]
+            continue
+        below = list(_walk(path / name, f"{name}/"))
+        yield from below or [f"{name}/"]
 
 
 def _walk(folder: Path, above: str) -> Iterator[str]:

@@ -100,12 +100,19 @@ def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
     """
     for above, folders, files, folder in os.fwalk(os.path.realpath(path)):
         inside = os.path.relpath(above, os.path.realpath(path))
-        depth = 0 if inside == "." else inside.count("/") + 1
+        if inside == ".":
+            depth = 0
+        else:
+            depth = inside.count("/") + 1
+        is_deepest = depth >= most_depth
         for name in (*sorted(files), *sorted(folders)):
-            yield from _entry(
-                folder, name, name if depth == 0 else f"{inside}/{name}", depth == most_depth
-            )
-        folders[:] = sorted(set(folders) - TOOL_FOLDERS) if depth < most_depth else []
+            path_inside = name
+            if depth:
+                path_inside = f"{inside}/{name}"
+            yield from _entry(folder, name, path_inside, is_deepest)
+        folders[:] = sorted(set(folders) - TOOL_FOLDERS)
+        if is_deepest:
+            folders.clear()
 
 
 def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Member]:
@@ -113,14 +120,12 @@ def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Memb
         mode = os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
         if stat.S_ISREG(mode):
             with os.fdopen(open_regular_beneath(folder, name), "rb") as file:
-                yield Member(
-                    path,
-                    Kind.FILE,
-                    os.fstat(file.fileno()).st_size,
-                    pieces=partial(pieces_of, file),
-                )
+                size = os.fstat(file.fileno()).st_size
+                yield Member(path, Kind.FILE, size, pieces=partial(pieces_of, file))
+        elif stat.S_ISLNK(mode):
+            yield Member(path, Kind.LINK)
         elif not stat.S_ISDIR(mode):
-            yield Member(path, Kind.LINK if stat.S_ISLNK(mode) else Kind.SPECIAL)
+            yield Member(path, Kind.SPECIAL)
         else:
             yield Member(path, Kind.FOLDER)
             if is_deepest and name not in TOOL_FOLDERS:
@@ -235,9 +240,13 @@ def _zip_kind(info: zipfile.ZipInfo) -> Kind:
     mode = stat.S_IFMT(info.external_attr >> 16)
     if info.orig_filename.endswith(("/", "\\")) or mode == stat.S_IFDIR:
         return Kind.FOLDER
+    if mode == stat.S_IFLNK:
+        return Kind.LINK
     if mode not in (0, stat.S_IFREG):
-        return Kind.LINK if mode == stat.S_IFLNK else Kind.SPECIAL
-    return Kind.FILE if info.compress_type in _ZIP_METHODS else Kind.METHOD
+        return Kind.SPECIAL
+    if info.compress_type not in _ZIP_METHODS:
+        return Kind.METHOD
+    return Kind.FILE
 
 
 def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
@@ -245,11 +254,16 @@ def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
     extra = info.extra
     while len(extra) >= 4:
         field, length = struct.unpack_from("<HH", extra)
-        data, extra = extra[4 : 4 + length], extra[4 + length :]
-        if field == 0x5455 and len(data) >= 5 and data[0] & 1:
-            return _utc(struct.unpack_from("<i", data, 1)[0])
-        if field == 0x000A and len(data) >= 16 and data[4:6] == b"\x01\x00":
-            return _utc(struct.unpack_from("<Q", data, 8)[0] / 1e7 - 11_644_473_600)
+        data = extra[4 : 4 + length]
+        extra = extra[4 + length :]
+        is_unix = field == 0x5455 and len(data) >= 5
+        if is_unix and data[0] & 1:
+            (seconds,) = struct.unpack_from("<i", data, 1)
+            return _utc(seconds)
+        is_ntfs = field == 0x000A and len(data) >= 16
+        if is_ntfs and data[4:6] == b"\x01\x00":
+            (ticks,) = struct.unpack_from("<Q", data, 8)
+            return _utc(ticks / 1e7 - 11_644_473_600)
     if tuple(info.date_time) == _ZIP_EPOCH:
         return None
     with suppress(ValueError):
@@ -286,4 +300,8 @@ def _tar_kind(info: tarfile.TarInfo) -> Kind:
     }
     if info.issparse():
         return Kind.SPARSE
-    return kinds.get(info.type, Kind.FILE if info.isreg() else Kind.SPECIAL)
+    if info.type in kinds:
+        return kinds[info.type]
+    if info.isreg():
+        return Kind.FILE
+    return Kind.SPECIAL

@@ -139,7 +139,9 @@ def _with_last_time(student: Student, previous: Student) -> Student:
     """Return a student with the later of the times in two lines."""
     own = student.submitted_at
     time = previous.submitted_at
-    if time is None or (own is not None and latest(own) >= latest(time)):
+    if time is None:
+        return student
+    if own is not None and latest(own) >= latest(time):
         return student
     return replace(student, submitted_at=time, time_source=previous.time_source)
 
@@ -243,18 +245,16 @@ def matches(
         shares = [] if owner is None else [owner]
         if team and of_team.count(team) == 1:
             shares += teams[team]
-        known = students[owner] if owner is not None else Student("")
+        known = Student("")
+        if owner is not None:
+            known = students[owner]
         people = tuple(person_of(students[index]) for index in dict.fromkeys(shares))
         dated = known if known.submitted_at is not None else item
+        student_id = known.student_id or item.student_id
+        possible = frozenset({*may_be, *shares})
+        is_team = bool(people) and owner is None
         found.append(
-            Match(
-                known.student_id or item.student_id,
-                dated.submitted_at,
-                dated.time_source,
-                frozenset({*may_be, *shares}),
-                people,
-                bool(people) and owner is None,
-            )
+            Match(student_id, dated.submitted_at, dated.time_source, possible, people, is_team)
         )
     return found
 
@@ -295,7 +295,8 @@ def _owners(students: Sequence[Student], items: Sequence[_Item]) -> list[_Owner]
         if owner is not None or may_be:
             continue
         by_words, candidates = words[n]
-        if by_words is None or taken[by_words] > 1 or by_words in certain:
+        is_claimed = taken[by_words] > 1 or by_words in certain
+        if by_words is None or is_claimed:
             found[n] = None, candidates
         else:
             found[n] = by_words, {by_words}
@@ -315,7 +316,7 @@ def _by_whole_names(students: Sequence[Student], items: Sequence[_Item]) -> list
             owners = called.get(key, set())
             may_be |= owners
             is_telling = len(bearing[key]) == 1 or key in own
-            if certain is None and is_telling and len(owners) == 1:
+            if is_telling and len(owners) == 1 and certain is None:
                 certain = min(owners)
         found.append((certain, may_be))
     return found
@@ -412,9 +413,14 @@ def _named_in(words: frozenset[str], names: Sequence[frozenset[str]]) -> set[int
     """Return the students with their whole name among some words; a name within another student's does not count."""
     found = set()
     for index, name in enumerate(names):
-        if name and name <= words and len("".join(name)) >= _LEAST_CHARACTERS:
+        is_long_enough = len("".join(name)) >= _LEAST_CHARACTERS
+        if name and name <= words and is_long_enough:
             found.add(index)
-    return {index for index in found if not any(names[index] < names[other] for other in found)}
+    within = set()
+    for index in found:
+        if any(names[index] < names[other] for other in found):
+            within.add(index)
+    return found - within
 
 
 def person_of(student: Student) -> Person:

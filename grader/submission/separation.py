@@ -88,7 +88,9 @@ def _record_of(folder: Path) -> SubmissionRecord | None:
 def with_earlier(source: SubmissionSource, results: Path) -> SubmissionSource:
     """Return a submission with the identity in its earlier results, if they were made from its path."""
     record = _record_of(results / source.name)
-    if record is None or record.source != source.origin or lies_within(results, [source.origin]):
+    if record is None or record.source != source.origin:
+        return source
+    if lies_within(results, [source.origin]):
         return source
     identity = Identity(record.identity.people).completed(source.identity)
     known = next((person.student_id for person in identity.people[:1]), "")

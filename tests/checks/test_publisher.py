@@ -181,6 +181,26 @@ def test_what_is_missing_is_missing_in_every_run(tmp_path: Path) -> None:
     assert finding.outcome is Outcome.FAILED
 
 
+@pytest.mark.parametrize(
+    ("topic_type", "ended_by", "credit", "is_silent"),
+    [
+        (FLOATS, "interrupt", "0.2", True),
+        ("std_msgs/msg/String", "interrupt", "0", True),
+        (FLOATS, "itself", "0", False),
+    ],
+    ids=["running", "of another type", "ended"],
+)
+def test_a_silent_publisher_of_a_running_program_earns_a_part(
+    tmp_path: Path, topic_type: str, ended_by: str, credit: str, is_silent: bool
+) -> None:
+    """One that was in the graph for a moment earns nothing, because the graph may have missed it."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC, topic_type=topic_type)
+    interrupted_ns = at(20.0) if ended_by == "interrupt" else None
+    session.process(ended_by=ended_by, interrupted_ns=interrupted_ns)
+    finding = judged("topic_published", {**PUBLISHED, "silent_credit": 0.2}, session)
+    assert (finding.credit, finding.is_silent) == (Decimal(credit), is_silent)
+
+
 def test_a_silent_timer_is_reported_with_its_period(tmp_path: Path) -> None:
     """A node with a timer and without messages is told the timer's period, and of the clock that it may wait for."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").claim("timer", "0.01")

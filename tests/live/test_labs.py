@@ -33,7 +33,7 @@ def submissions() -> list[tuple[Path, str]]:
 
 
 SUBMISSIONS = submissions()
-CHOSEN = part(SUBMISSIONS, 25, os.environ.get("FIXTURES", "") == "all")
+CHOSEN = part(SUBMISSIONS, 75, os.environ.get("FIXTURES", "") == "all")
 #: Most gradings of one submission, each with the repetitions of a grading.
 MOST_GRADINGS = 2
 #: Types that the wheels of ROS lack, and which are built.

@@ -39,7 +39,8 @@ class StepResult:
     def of_plain(cls, plain: dict[str, Any]) -> Self:
         """Read a result from JSON."""
         known = {each.name for each in dataclasses.fields(cls)}
-        return from_plain(cls, {key: value for key, value in plain.items() if key in known})
+        kept = {key: value for key, value in plain.items() if key in known}
+        return from_plain(cls, kept)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the result as the record keeps it."""

@@ -47,7 +47,9 @@ class PlanResult(StepResult):
     @property
     def repairs(self) -> list[Repair]:
         """The repaired mistakes; empty if there is no plan."""
-        return [] if self.mended is None else list(self.mended)
+        if self.mended is None:
+            return []
+        return list(self.mended)
 
     def note(self) -> str:
         """Write the problem of the launch file as the plan has it."""

@@ -36,7 +36,9 @@ class SetParametersResult(StepResult):
 
     def note(self) -> str:
         """Write the reasons of refusals."""
-        return f"refused: {fields(self.refused)}" if self.refused else ""
+        if self.refused:
+            return f"refused: {fields(self.refused)}"
+        return ""
 
 
 class SetParametersStep(Step):
@@ -56,13 +58,11 @@ class SetParametersStep(Step):
 
     def commands(self) -> Sequence[str]:
         """Return a command for each of the values."""
-        written = (
-            f"{name} {json.dumps(value)}"
-            if not isinstance(value, str)
-            else f"{name} {shlex.quote(value)}"
-            for name, value in self.values.items()
-        )
-        return [
-            "ros2 param set {node} " + text.replace("{", "{{").replace("}", "}}")
-            for text in written
-        ]
+        commands = []
+        for name, value in self.values.items():
+            word = json.dumps(value)
+            if isinstance(value, str):
+                word = shlex.quote(value)
+            text = f"{name} {word}".replace("{", "{{").replace("}", "}}")
+            commands.append("ros2 param set {node} " + text)
+        return commands

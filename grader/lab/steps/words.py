@@ -28,4 +28,5 @@ def fields(values: Any) -> str:
     """Write a message's fields in a line, e.g. "success: true, message: 'on'"."""
     if not isinstance(values, Mapping):
         return literal(values)
-    return ", ".join(f"{name}: {literal(value)}" for name, value in values.items())
+    written = [f"{name}: {literal(value)}" for name, value in values.items()]
+    return ", ".join(written)

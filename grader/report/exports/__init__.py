@@ -110,6 +110,8 @@ _ALL_OF_CLASS = (
     ClassExport("eml", "the same mails as files", f"{EXPORTED}/mail.zip", mail.files),
 )
 CLASS_EXPORTS: Mapping[str, ClassExport] = {export.name: export for export in _ALL_OF_CLASS}
+#: Forms by their names.
+Forms = Mapping[str, Export | ClassExport]
 
 
 def render_export(

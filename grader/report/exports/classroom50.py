@@ -89,7 +89,8 @@ def _adding_up_to(wanted: int, exact: Sequence[Decimal], limits: Sequence[int]) 
     elif room > 0:
         spread = []
         for score, limit in zip(exact, limits, strict=True):
-            spread.append(score + (limit - score) * (wanted - earned) / room)
+            more = (limit - score) * (wanted - earned) / room
+            spread.append(score + more)
     return [score.quantize(_FINE) for score in spread]
 
 
@@ -110,11 +111,13 @@ def _test(check: GradedCheck, score: int, most: int) -> dict[str, Any]:
     name = markdown_text(check.title, 200) or markdown_text(check.id)
     if check.open:
         name += " (undecided, not earned)"
+    passed = not check.open and not check.lost
+    outcome = badge_of(check.outcome).word
     return {
         "test-name": name,
-        "passed": not check.open and not check.lost,
+        "passed": passed,
         "score": score,
         "max-score": most,
-        "outcome": badge_of(check.outcome).word,
+        "outcome": outcome,
         "output": full_text(check),
     }

@@ -63,8 +63,12 @@ def packed(files: Mapping[str, bytes]) -> bytes:
 def _file(entry: ClassEntry, result: Result, report: bytes) -> dict[str, bytes]:
     """Return the returned file under its name; none if no name fits, or all of them lead elsewhere."""
     safe = filter(_stays_inside, entry.identity.handback)
+
+    def is_single(path: str) -> bool:
+        return not path.lower().endswith((*_OPEN_ENDS, ".zip"))
+
     # Folders and archives first: they take the report as it is.
-    for path in sorted(safe, key=lambda path: not path.lower().endswith((*_OPEN_ENDS, ".zip"))):
+    for path in sorted(safe, key=is_single):
         if path.endswith(_OPEN_ENDS):
             return {path + REPORT_FILE: report}
         if path.lower().endswith(".zip"):

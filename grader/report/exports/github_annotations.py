@@ -35,7 +35,9 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 def _command(kind: str, check: GradedCheck) -> str:
     """Write a workflow command: `::error file=a.py,line=3,title=…::…`."""
     word = badge_of(check.outcome).word
-    cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
+    cost = "costs nothing"
+    if check.lost:
+        cost = f"−{points(check.lost)} points"
     properties = {}
     if check.location is not None:
         properties["file"] = str(check.location.file)

@@ -119,12 +119,10 @@ def _criteria(graded: Graded) -> str:
 
 def _lost(check: GradedCheck) -> str:
     badge = badge_of(check.outcome)
-    lines = [
-        f"### {badge.sign} {markdown_text(check.title)}: −{points(check.lost)} points",
-        "",
-        markdown_text(check.reason) or badge.word,
-        "",
-    ]
+    title = markdown_text(check.title)
+    reason = markdown_text(check.reason) or badge.word
+    heading = f"### {badge.sign} {title}: −{points(check.lost)} points"
+    lines = [heading, "", reason, ""]
     lines += [f"- {name}: {markdown_text(text)}" for name, text in proof_lines(check)]
     return "\n".join(lines) + "\n"
 

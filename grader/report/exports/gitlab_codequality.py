@@ -29,13 +29,15 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 
 def _finding(check: GradedCheck) -> dict[str, Any]:
-    assert check.location is not None
+    location = check.location
+    assert location is not None
     parts = [f"{check.title} (−{points(check.lost)} points):", check.reason, check.hint]
-    key = f"{check.id}\0{check.location.file}"
+    key = f"{check.id}\0{location.file}"
+    hashed = hashlib.sha256(key.encode("utf-8", "backslashreplace"))
     return {
         "description": line(" ".join(parts), 1000),
         "check_name": line(check.id),
-        "fingerprint": hashlib.sha256(key.encode("utf-8", "backslashreplace")).hexdigest(),
+        "fingerprint": hashed.hexdigest(),
         "severity": _SEVERITIES.get(check.outcome, "info"),
-        "location": {"path": check.location.file, "lines": {"begin": check.location.line}},
+        "location": {"path": location.file, "lines": {"begin": location.line}},
     }

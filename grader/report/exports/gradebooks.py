@@ -205,7 +205,9 @@ def _known(fact: str, share: Share, before: str = "") -> str:
 
 def _number(fact: str, share: Share, before: str = "") -> str:
     """Return a system's own number of a student; empty if students are anonymous."""
-    return _known(fact, share, before) if _known(fact, share).isdecimal() else ""
+    if _known(fact, share).isdecimal():
+        return _known(fact, share, before)
+    return ""
 
 
 _POINTS = Column("", lambda share: share.result.final)
@@ -257,7 +259,9 @@ def _read_by_canvas(heading: str, asked: bool) -> str:
         )
     title = _CANVAS_NUMBER.sub("", heading)
     kept = " ".join(_CANVAS_SUMS.sub("", title).split()) or "Lab"
-    return kept if number is None else f"{kept} {number[0].strip()}"
+    if number is None:
+        return kept
+    return f"{kept} {number[0].strip()}"
 
 
 _PARTICIPANT = "Identifier"

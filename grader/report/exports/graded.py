@@ -114,17 +114,17 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
     open_ids = {check.id for check in result.open_checks}
 
     def graded_check(check: CheckResult, criterion: str) -> GradedCheck:
-        undecided = Decimal(0) if check.id in given else check.undecided
+        undecided = check.undecided
+        if check.id in given:
+            undecided = Decimal(0)
         added = given.get(check.id, Decimal(0))
         if criterion in excused:
             # A decision about a whole criterion says nothing about each check, unless all of it is excused.
             added = check.possible - check.earned - undecided
-        return GradedCheck(
-            **{**vars(check), "undecided": undecided},
-            given=added,
-            open=check.id in open_ids,
-            location=_first_in_repository(check, path_prefix),
-        )
+        judged = vars(check) | {"undecided": undecided}
+        is_open = check.id in open_ids
+        location = _first_in_repository(check, path_prefix)
+        return GradedCheck(**judged, given=added, open=is_open, location=location)
 
     criteria = []
     for criterion in result.criteria:
@@ -157,7 +157,10 @@ def _in_repository(where: Location, path_prefix: str) -> Location | None:
 
 def points_of(check: GradedCheck) -> str:
     """Write the earned points of a check: `3 / 5`; `? / 5` if the check is undecided."""
-    earned = "?" if check.open else points(check.earned + check.given)
+    if check.open:
+        earned = "?"
+    else:
+        earned = points(check.earned + check.given)
     return f"{earned} / {points(check.possible)}"
 
 

@@ -64,7 +64,9 @@ def _add_case(suite: ElementTree.Element, name: str, class_name: str, check: Gra
 
 def _describe(case: ElementTree.Element, name: str, cost: str, check: GradedCheck) -> None:
     # GitLab shows the contents alone, Jenkins the message and below it the contents.
-    message = f"{cost}: {check.reason}" if check.reason else cost
+    message = cost
+    if check.reason:
+        message = f"{cost}: {check.reason}"
     element = ElementTree.SubElement(case, name, message=line(message, 600))
     element.text = shown(f"{cost}\n{full_text(check)}")
 
@@ -90,8 +92,10 @@ def _unique(named: Sequence[GradedCriterion | GradedCheck]) -> list[str]:
     titles = [line(each.title, 200) for each in named]
     cases = []
     for each, title in zip(named, titles, strict=True):
-        is_unique = title and titles.count(title) == 1
-        cases.append(title if is_unique else f"{title} ({line(each.id, 100)})")
+        is_unique = bool(title) and titles.count(title) == 1
+        if not is_unique:
+            title = f"{title} ({line(each.id, 100)})"
+        cases.append(title)
     return _numbered(cases)
 
 
@@ -99,5 +103,7 @@ def _numbered(texts: Sequence[str]) -> list[str]:
     """Return the texts, equal ones with their positions after them: `a 1`, `a 2`."""
     numbered = []
     for number, text in enumerate(texts, 1):
-        numbered.append(text if texts.count(text) == 1 else f"{text} {number}")
+        if texts.count(text) > 1:
+            text = f"{text} {number}"
+        numbered.append(text)
     return numbered

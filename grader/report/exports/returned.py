@@ -61,7 +61,9 @@ class ReturnedClass:
     def report(self, entry: ClassEntry) -> bytes | None:
         """Return the page of a submission's report, or None if there is none."""
         path = self.folder / entry.name / REPORT_FILE
-        return path.read_bytes() if entry.report and path.is_file() else None
+        if entry.report and path.is_file():
+            return path.read_bytes()
+        return None
 
 
 @dataclass
@@ -103,11 +105,14 @@ def plain_report(result: Result) -> str:
     lines = [line(result.lab), comment(result), "", "The points of each part, as judged:"]
     for part in view.criteria:
         share = f"{points(part.earned):>6} of {points(part.possible):<6}"
-        undecided = f" ({points(part.undecided)} undecided)" if part.undecided else ""
+        undecided = ""
+        if part.undecided:
+            undecided = f" ({points(part.undecided)} undecided)"
         lines.append(f"  {share} {line(part.title)}{undecided}")
     for loss in losses_of(view)[:_MOST_LOSSES]:
         check = loss.check
-        lines += ["", f"{line(check.title)} ({_gain(loss)}): {line(check.reason, 600)}"]
+        reason = line(check.reason, 600)
+        lines += ["", f"{line(check.title)} ({_gain(loss)}): {reason}"]
         if check.hint:
             lines.append(line(check.hint, 600))
     return "\n".join([*lines, ""])

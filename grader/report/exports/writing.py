@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from grader.errors import UsageError
 from grader.files import replace_file
-from grader.report.exports import CLASS_EXPORTS, EXPORTS, ClassExport, Export, render_export
+from grader.report.exports import CLASS_EXPORTS, EXPORTS, Forms, render_export
 from grader.report.exports.returned import Returned
 from grader.result import Result
 
 #: Stands for the standard output.
 STANDARD_OUTPUT = "-"
 #: Forms of a result, and of a class.
-FORMS: Mapping[str, Export | ClassExport] = {**EXPORTS, **CLASS_EXPORTS}
+FORMS: Forms = {**EXPORTS, **CLASS_EXPORTS}
 #: Folders of devices, which must not be replaced by a file.
 _DEVICES = ("/dev/", "/proc/")
 
@@ -30,7 +30,7 @@ class ExportTarget:
     file: str | None = None
 
     @classmethod
-    def parse(cls, text: str, forms: Mapping[str, Export | ClassExport] = EXPORTS) -> ExportTarget:
+    def parse(cls, text: str, forms: Forms = EXPORTS) -> ExportTarget:
         """Read `NAME` or `NAME=FILE`; raises ValueError if the forms have no such export."""
         name, _, file = text.partition("=")
         if name not in forms:
@@ -54,7 +54,9 @@ class ExportTarget:
         return ExportTarget(self.name, str(Path(self.file).absolute()))
 
     def __str__(self) -> str:
-        return self.name if self.file is None else f"{self.name}={self.file}"
+        if self.file is None:
+            return self.name
+        return f"{self.name}={self.file}"
 
 
 def write_exports(

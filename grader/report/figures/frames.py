@@ -13,7 +13,7 @@ from grader.evidence.recorded import Booleans, Floats, Recorded
 from grader.evidence.transforms import Broadcast, FrameTree, broadcasts, composed
 from grader.lab import references as ref
 from grader.report.escape import line
-from grader.report.figures.svg import Canvas, Figure, FigureKind, short, tag
+from grader.report.figures.svg import Canvas, Figure, FigureKind, directions, short, tag
 
 _MOST_FRAMES = 24
 #: Levels of the tree below its root.
@@ -179,7 +179,8 @@ def _paint_row(canvas: Canvas, number: int, frame: _Drawn) -> None:
     y = 16 + _ROW * number
     if frame.parent is not None:
         top = 20 + _ROW * frame.parent
-        canvas.add("path", d=f"M{x - 10} {top}V{y - 4}H{x - 2}", class_="stem", fill="none")
+        branch = f"M{x - 10} {top}V{y - 4}H{x - 2}"
+        canvas.add("path", d=branch, class_="stem", fill="none")
     name = tag("tspan", frame.name, class_="label")
     words = tag("tspan", frame.words)
     canvas.add("text", Markup("{} {}").format(name, words), x=x, y=y, text_anchor="start")
@@ -226,8 +227,9 @@ def _flat(frames: Sequence[_Drawn], left: float, top: float, width: float) -> _F
     drawn = points[finite].reshape(-1, 2)
     low = np.min(drawn, axis=0)
     wide, high = np.max(drawn, axis=0) - low
-    scale = min((width - _SIDES) / max(wide, 1e-9), (_SPACE - _ENDS) / max(high, 1e-9))
-    spare = width - _SIDES - wide * scale
+    room = width - _SIDES
+    scale = min(room / max(wide, 1e-9), (_SPACE - _ENDS) / max(high, 1e-9))
+    spare = room - wide * scale
     corner = np.array([left + 20 + spare / 2, top + 20])
     return _Flat(corner + (points - low) * scale, finite)
 
@@ -250,8 +252,7 @@ def _axes(poses: Floats, size: float) -> list[Floats]:
 
 def _projected(points: Floats) -> Floats:
     """Return the positions of points in the picture, y downwards: float64[n, 2]."""
-    right = np.array([-np.sin(_TURN), np.cos(_TURN), 0.0])
-    up = np.array([-np.cos(_TURN) * np.sin(_RISE), -np.sin(_TURN) * np.sin(_RISE), np.cos(_RISE)])
+    right, up = directions(_TURN, _RISE)
     return np.stack((points @ right, -(points @ up)), axis=-1)
 
 

@@ -147,7 +147,8 @@ def _parameters_set(recorded: Recorded, calls: Sequence[Call]) -> list[_SetParam
 def _assignments(step: StepRun) -> str:
     """Write the parameters that a step sets: `max_speed = 1.5, mode = 'fast'`."""
     values = SetParametersStep.given(step).values
-    return ", ".join(f"{name} = {literal(value)}" for name, value in values.items())
+    written = [f"{name} = {literal(value)}" for name, value in values.items()]
+    return ", ".join(written)
 
 
 @dataclass(frozen=True)
@@ -256,6 +257,8 @@ def _qos_row(endpoint: Endpoint, recorded: Recorded) -> QosRow:
 
 def _place(claim: Claim | None) -> str:
     """Return file and line of a claim; empty for a file outside the submission."""
-    if claim is None or not claim.file or claim.file.startswith("/"):
+    if claim is None or not claim.file:
+        return ""
+    if claim.file.startswith("/"):
         return ""
     return f"{claim.file}:{claim.line}"

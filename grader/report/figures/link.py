@@ -174,14 +174,10 @@ def percent(share: float) -> str:
 
 def _profile(topic: LinkedTopic, name: str, printed: Sequence[str]) -> Profile:
     outcomes = [Outcome.of(crossing) for crossing in topic.crossings if crossing.sent]
-    return Profile(
-        name,
-        _words(topic.offered),
-        _words(topic.requested),
-        _problem(topic),
-        outcomes,
-        _last_line_naming(name, printed),
-    )
+    offered = _words(topic.offered)
+    requested = _words(topic.requested)
+    claim = _last_line_naming(name, printed)
+    return Profile(name, offered, requested, _problem(topic), outcomes, claim)
 
 
 def _last_line_naming(name: str, printed: Sequence[str]) -> str:
@@ -247,12 +243,13 @@ class _LinkChart:
         order = "Not all of it arrived in order."
         if all(outcome.in_order for outcome in self.outcomes):
             order = "All of it arrived in order."
+        late = f"{short(self.result.delay_ms)} ms late, each way"
         return (
             f"Where {percent(worst)} of the packets are lost, this much arrives: {arrived}. {order} "
             "These are your profiles, measured by the grader: messages of your topics' types, "
             "between two programs of its own. "
             f"The link is {self.result.means}: it loses packets at random, and the others are "
-            f"{short(self.result.delay_ms)} ms late, each way.{self._busy}"
+            f"{late}.{self._busy}"
         )
 
     @property

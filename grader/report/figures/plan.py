@@ -93,14 +93,20 @@ def _tree_of(plan: Plan) -> Tree:
     warnings = []
     for note in plan.warnings[:_MOST_ITEMS]:
         warnings.append(Warned(note.message, _location(note.file, note.line)))
+    problem = ""
+    if plan.problem:
+        problem = plan.problem.message
+    arguments = [_argument(argument) for argument in plan.arguments[:_MOST_ITEMS]]
+    branches = [_branch(process, shared) for process in processes]
+    not_started = [_not_started(action) for action in plan.not_started[:_MOST_ITEMS]]
     return Tree(
         outcome=plan.outcome,
-        problem=plan.problem.message if plan.problem else "",
-        arguments=[_argument(argument) for argument in plan.arguments[:_MOST_ITEMS]],
+        problem=problem,
+        arguments=arguments,
         includes=_includes(plan),
         environment=shared,
-        processes=[_branch(process, shared) for process in processes],
-        not_started=[_not_started(action) for action in plan.not_started[:_MOST_ITEMS]],
+        processes=branches,
+        not_started=not_started,
         warnings=warnings,
     )
 
@@ -148,14 +154,16 @@ def _branch(process: Process, shared: Sequence[Item]) -> Branch:
     parameters = []
     for given in process.parameters[:_MOST_ITEMS]:
         parameters += _parameters(given)
+    own_environment = [item for item in _environment(process) if item not in shared]
+    where = _location(process.file, process.line)
     return Branch(
         name=process.full_name or process.id,
         runs=_program(process),
-        where=_location(process.file, process.line),
+        where=where,
         conditions=_conditions(process),
         words=_words(process),
         parameters=parameters,
-        environment=[item for item in _environment(process) if item not in shared],
+        environment=own_environment,
         remappings=process.remappings[:_MOST_ITEMS],
     )
 
@@ -235,7 +243,8 @@ def _when(when: Mapping[str, Any]) -> str:
     if "state" in when:
         moments.append(f"to {when['state']}")
     if "after_s" in when:
-        moments.append(f"starts after {when['after_s']} s{_counted_from(when.get('since'))}")
+        since = _counted_from(when.get("since"))
+        moments.append(f"starts after {when['after_s']} s{since}")
     return " ".join(moments)
 
 

@@ -12,8 +12,8 @@ from pydantic import Field
 
 from grader.evidence.recorded import Booleans, Floats, Integers, NumericStream, Recorded
 from grader.lab import references as ref
-from grader.report.figures.svg import Canvas, Figure, FigureKind, short
-from grader.report.figures.timing import FAR_NS
+from grader.report.figures.svg import Canvas, Figure, FigureKind, directions, short
+from grader.report.figures.timing import stamped_near_arrival
 
 #: Maximum number of postures in a page; enough for more than ten seconds, because the player interpolates between them.
 _MOST_FRAMES = 360
@@ -121,9 +121,10 @@ class Posture(FigureKind):
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw the still frame, and pass the whole motion to the page."""
-        solid, *others = (
-            _drawable(recorded.numeric(topic, self.field)) for topic in self.topics.values()
-        )
+        streams = []
+        for topic in self.topics.values():
+            streams.append(_drawable(recorded.numeric(topic, self.field)))
+        solid, *others = streams
         if solid is None:
             return None
         count = len(solid.values)
@@ -145,8 +146,7 @@ def _drawable(stream: NumericStream | None) -> NumericStream | None:
     if length % 3 or not 6 <= length <= 3 * _MOST_POINTS:
         return None
     is_near = (np.abs(stream.values) < _FAR_M).all(axis=1)
-    has_plausible_time = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
-    drawable = is_near & has_plausible_time
+    drawable = is_near & stamped_near_arrival(stream)
     if drawable.sum() < 2:
         return None
     return stream.only(drawable)
@@ -192,15 +192,17 @@ def _caption(motion: Motion, unit_m: float) -> str:
         return "There is no ghost, because this recording holds no commanded points to draw."
     at_s = motion.times_ms[motion.still] / 1000
     off_m = float(motion.tip_distances.max()) * unit_m
-    off = f"{short(off_m)} m" if off_m >= 1 else f"{short(1000 * off_m)} mm"
+    if off_m >= 1:
+        off = f"{short(off_m)} m"
+    else:
+        off = f"{short(1000 * off_m)} mm"
     return f"At {at_s:.2f} s the tip is farthest from its commanded position: {off}."
 
 
 def projected(points: Integers | Floats) -> Floats:
     """Project points into the picture, as seen from the initial viewing direction: float64[..., 2]."""
     turn, rise = np.radians(Motion.view)
-    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
-    up = np.array([-np.cos(turn) * np.sin(rise), -np.sin(turn) * np.sin(rise), np.cos(rise)])
+    right, up = directions(turn, rise)
     scale = 0.72 * _HEIGHT / _RADIUS_UNITS
     # Seen from the side, the foot is low in the picture, because a robot stands above its floor. Seen from above, the
     # foot is in the middle.
@@ -253,15 +255,9 @@ def _paint_links(canvas: Canvas, posture: Floats) -> None:
     widths = np.linspace(_THICKEST, _THINNEST, max(2, len(posture) - 1))
     links = itertools.pairwise(posture)
     for (start, end), width in zip(links, widths, strict=False):
-        canvas.add(
-            "line",
-            x1=start[0],
-            y1=start[1],
-            x2=end[0],
-            y2=end[1],
-            stroke_width=width,
-            class_="link",
-        )
+        x1, y1 = start
+        x2, y2 = end
+        canvas.add("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke_width=width, class_="link")
 
 
 def _paint_floor(canvas: Canvas) -> None:

@@ -189,7 +189,9 @@ class Goals(FigureKind):
         """Return the goals that steps sent to the action."""
         goals = []
         for step in recorded.record.steps:
-            if step.kind == SendGoalStep.kind and SendGoalStep.given(step).action == self.action:
+            if step.kind != SendGoalStep.kind:
+                continue
+            if SendGoalStep.given(step).action == self.action:
                 goals += [_Goal(step, record) for record in SendGoalResult.of(step).goals]
         return goals[:_MOST_ROWS]
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup, escape
 
 from grader.evidence.recorded import Floats, Recorded
@@ -134,14 +135,19 @@ class Figure:
         self.paint(canvas)
         title = tag("title", self.title, id=f"{name}-t")
         description = tag("desc", self.caption, id=f"{name}-d")
+        content = Markup("").join([title, description, *canvas.marks])
         return tag(
             "svg",
-            Markup("").join([title, description, *canvas.marks]),
+            content,
             viewBox=f"0 0 {width} {canvas.height}",
             role="img",
             aria_labelledby=f"{name}-t {name}-d",
             class_="chart",
         )
+
+
+#: Figures of each criterion, by its id.
+FiguresOf = Mapping[str, Sequence[Figure]]
 
 
 class FigureKind(Parameters):
@@ -225,6 +231,14 @@ def tag(name: str, content: str | Markup = "", **attributes: str | float) -> Mar
     return Markup(f"<{name}{''.join(parts)}>{content}</{name}>")
 
 
+def directions(turn: float, rise: float) -> tuple[Floats, Floats]:
+    """Return the directions in space that a picture shows to the right and upwards, for the angles of its view in rad."""
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    flat = np.sin(rise)
+    up = np.array([-np.cos(turn) * flat, -np.sin(turn) * flat, np.cos(rise)])
+    return right, up
+
+
 @dataclass(frozen=True)
 class Frame:
     """A rectangle of a picture, and the numbers at its edges."""
@@ -245,12 +259,14 @@ class Frame:
     def px(self, value: float) -> float:
         """Return the position of a number on the x axis in px."""
         width = self.right - self.left
-        return self.left + width * (value - self.x.low) / self.x.length
+        from_low = value - self.x.low
+        return self.left + width * from_low / self.x.length
 
     def py(self, value: float) -> float:
         """Return the position of a number on the y axis in px."""
         height = self.bottom - self.top
-        return self.bottom - height * (value - self.y.low) / self.y.length
+        from_low = value - self.y.low
+        return self.bottom - height * from_low / self.y.length
 
     def line(
         self, times: Sequence[float] | Floats, values: Sequence[float] | Floats, class_: str
@@ -270,7 +286,8 @@ class Frame:
         for value in ticks(self.y.low * scale, self.y.high * scale, most):
             at = value / scale
             self.level(at, "grid")
-            self.canvas.text(self.left - 7, self.py(at) + 4, short(value), "end")
+            baseline = self.py(at) + 4
+            self.canvas.text(self.left - 7, baseline, short(value), "end")
 
     def x_axis(self, label: str, scale: float = 1.0) -> None:
         """Draw the axis at the bottom with its numbers."""
@@ -289,7 +306,8 @@ class Frame:
         The x axis holds the logarithms of times in s.
         """
         factors = (1, 2, 5) if dense else (1,)
-        powers = range(math.floor(self.x.low), math.ceil(self.x.high) + 1)
+        highest = math.ceil(self.x.high)
+        powers = range(math.floor(self.x.low), highest + 1)
         for power, factor in itertools.product(powers, factors):
             value = math.log10(factor) + power
             if self.x.low <= value <= self.x.high:

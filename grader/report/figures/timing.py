@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from grader.evidence.recorded import Floats, Integers, Recorded
+from grader.evidence.recorded import Booleans, Floats, Integers, NumericStream, Recorded
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.recording.bag import Stream
@@ -34,16 +34,22 @@ RATE_BIN_S = 0.5
 HISTOGRAM_BINS = 41
 #: Distance of a source timestamp from the message's arrival, in ns. Larger distances cannot be drawn to scale; a program
 #: can send any timestamp.
-FAR_NS = 10_000_000_000
+_FAR_NS = 10_000_000_000
 #: Longest time between the first message and a later one, in ns.
 _LONGEST_NS = 3600 * 10**9
 _HEIGHT = 260
 
 
+def stamped_near_arrival(stream: Stream | NumericStream) -> Booleans:
+    """Return which messages were stamped near their arrival: bool[n]."""
+    near: Booleans = np.abs(stream.source_ns - stream.received_ns) < _FAR_NS
+    return near
+
+
 def plausible(stream: Stream) -> Stream:
     """Return the messages of a stream that were stamped near their arrival and arrived near the first one."""
     first_ns = stream.received_ns.min() if len(stream) else 0
-    stamped_near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+    stamped_near = stamped_near_arrival(stream)
     arrived_near = stream.received_ns - first_ns < _LONGEST_NS
     return stream.only(stamped_near & arrived_near)
 
@@ -177,8 +183,10 @@ class _Rates:
     @property
     def caption(self) -> str:
         topic = line(self.topic, 60)
-        lowest, highest = short(min(self.rates_hz)), short(max(self.rates_hz))
-        bin_s = (self.edges_s[-1] - self.edges_s[0]) / len(self.rates_hz)
+        lowest = short(min(self.rates_hz))
+        highest = short(max(self.rates_hz))
+        length_s = self.edges_s[-1] - self.edges_s[0]
+        bin_s = length_s / len(self.rates_hz)
         return (
             f"Between {lowest} and {highest} messages a second on {topic}, "
             f"each step over {duration(bin_s)}. Expected: {short(self.expected_hz)}."
@@ -190,7 +198,10 @@ class _Rates:
         expected = self.expected_hz
         farthest = max(np.abs(self.rates_hz - expected))
         reach = max(0.1 * expected, farthest * 1.2)
-        low = 0.0 if reach >= 0.5 * expected else expected - reach
+        if reach >= 0.5 * expected:
+            low = 0.0
+        else:
+            low = expected - reach
         return Range(low, expected + reach)
 
     def paint(self, canvas: Canvas) -> None:

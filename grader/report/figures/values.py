@@ -34,7 +34,7 @@ from grader.report.figures.svg import (
     padded,
     short,
 )
-from grader.report.figures.timing import FAR_NS
+from grader.report.figures.timing import stamped_near_arrival
 
 MOST_ELEMENTS = 16
 #: Size of a number that is too large for a real measurement and would flatten all other lines.
@@ -82,7 +82,7 @@ def _lines(
     recorded: Recorded, role: str, stream: NumericStream, indices: Sequence[int]
 ) -> Iterator[_Line]:
     """Yield the lines of some elements, without points too far away to be drawn to scale."""
-    stamped_near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+    stamped_near = stamped_near_arrival(stream)
     for index in indices[:MOST_ELEMENTS]:
         values = stream.values[:, index]
         shown = stamped_near & (np.abs(values) < _FAR)
@@ -207,7 +207,9 @@ class _SeriesChart:
         shown = "; ".join(ranges[:_MOST_RANGES])
         if len(ranges) > _MOST_RANGES:
             shown += "; …"
-        caption = f"Range in {self.unit or 'numbers'}: {shown}." if ranges else "Nothing moves."
+        caption = "Nothing moves."
+        if ranges:
+            caption = f"Range in {self.unit or 'numbers'}: {shown}."
         still = len(self.lines) - len(ranges)
         if still:
             caption += f" {still} of {len(self.lines)} lines do not move."
@@ -385,7 +387,9 @@ class _ReportChart:
     def within(self) -> Booleans:
         """Reports that are drawn, because they are at most four times the largest right value."""
         largest = max((plateau.value for plateau in self.plateaus), default=0.0)
-        limit = largest * 4 if largest > 0 else math.inf
+        limit = math.inf
+        if largest > 0:
+            limit = largest * 4
         within: Booleans = np.abs(self.values) <= limit
         return within
 

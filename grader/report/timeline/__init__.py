@@ -68,16 +68,14 @@ def _place_in(session: str, check: CheckResult) -> Location | None:
 
 def _loss(check: CheckResult, place: Location) -> Moment:
     assert place.start_s is not None
-    if check.lost:
-        style, lost = "lost", f"−{points(check.lost)}"
-    else:
-        style, lost = "open", f"{points(check.undecided)} open"
-    return Moment(
-        style,
-        place.start_s,
-        f"{lost}: {check.title}",
-        check.reason,
-        place.start_s if place.end_s is None else place.end_s,
-        trouble=True,
-        href="#" + anchor("check", check.id),
-    )
+    style = "lost"
+    lost = f"−{points(check.lost)}"
+    if not check.lost:
+        style = "open"
+        lost = f"{points(check.undecided)} open"
+    end_s = place.end_s
+    if end_s is None:
+        end_s = place.start_s
+    text = f"{lost}: {check.title}"
+    href = "#" + anchor("check", check.id)
+    return Moment(style, place.start_s, text, check.reason, end_s, trouble=True, href=href)

@@ -212,6 +212,9 @@ def _completed(moment: Moment, log: Sequence[_TimedLine], length_s: float, times
 def _soon_after(time_s: float, log: Sequence[_TimedLine]) -> LogLine | None:
     """Return the first line written at a time or soon after it; None if there is no such line."""
     place = bisect.bisect_left(log, time_s, key=lambda line: line.time_s)
-    if place == len(log) or log[place].time_s - time_s > _SOON_S:
+    if place == len(log):
         return None
-    return log[place].line
+    line = log[place]
+    if line.time_s - time_s > _SOON_S:
+        return None
+    return line.line

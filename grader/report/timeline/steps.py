@@ -48,9 +48,11 @@ def _span(recorded: Recorded, step: StepRun) -> Moment:
     elif step.kind.startswith("wait"):
         style = "wait"
     start_s = recorded.since_start_s(opened_ns or step.started_ns)
-    end_s = recorded.since_start_s(closed_ns or step.ended_ns or recorded.record.ended_ns)
+    end_ns = closed_ns or step.ended_ns or recorded.record.ended_ns
+    end_s = recorded.since_start_s(end_ns)
     text = _described(step) + _label(step)
-    return Moment(style, start_s, text, _note(step), end_s, step.outcome != "done")
+    failed = step.outcome != "done"
+    return Moment(style, start_s, text, _note(step), end_s, failed)
 
 
 def _label(step: StepRun) -> str:

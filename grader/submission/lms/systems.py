@@ -76,12 +76,16 @@ def recognised(entries: Entries) -> tuple[System, Mapping[str, Delivered]] | Non
 
     Returns None unless most entries, without tables, have names of one of the systems.
     """
-    fit = {name: is_folder for name, is_folder in entries.items() if len(name) <= _MOST_CHARACTERS}
+    fit = {}
+    for name, is_folder in entries.items():
+        if len(name) <= _MOST_CHARACTERS:
+            fit[name] = is_folder
     for system in SYSTEMS:
         known = system.match(fit)
         others = 0
         for name in entries:
-            if name not in known and name not in system.own and not is_table(name):
+            is_of_system = name in known or name in system.own
+            if not is_of_system and not is_table(name):
                 others += 1
         if len(known) > others:
             return system, known
@@ -152,14 +156,11 @@ def _canvas(entries: Entries) -> dict[str, Delivered]:
         file = match["file"] or match["typed"]
         # Canvas shows feedback under the name of the submitted file.
         handback = match[0] if match["file"] else ""
-        delivered[match[0]] = Delivered(
-            match["name"] or match["id"],
-            match["id"],
-            file,
-            _CANVAS_AGAIN.sub("", file),
-            match["late"] is not None,
-            handback=handback,
-        )
+        id_ = match["id"]
+        student = match["name"] or id_
+        original = _CANVAS_AGAIN.sub("", file)
+        late = match["late"] is not None
+        delivered[match[0]] = Delivered(student, id_, file, original, late, handback=handback)
     return delivered
 
 
@@ -176,7 +177,10 @@ def _blackboard(entries: Entries) -> dict[str, Delivered]:
     delivered = {}
     for match in found:
         head = match["head"]
-        student = head.removeprefix(title) if title else head.rpartition("_")[2]
+        if title:
+            student = head.removeprefix(title)
+        else:
+            student = head.rpartition("_")[2]
         time = _time(match["time"], "%Y-%m-%d-%H-%M-%S")
         if time is not None:
             file = match["file"] or ""
@@ -278,7 +282,11 @@ def _gradescope(entries: Entries) -> dict[str, Delivered]:
 
 def _gradescope_people(known: Mapping[str, Delivered], read: Read) -> Mapping[str, Delivered]:
     written = _submitted_in(read([_METADATA]).get(_METADATA, ""))
-    return {entry: _by(written.get(entry, _Submitted()), one) for entry, one in known.items()}
+    found = {}
+    for entry, delivered in known.items():
+        submitted = written.get(entry, _Submitted())
+        found[entry] = _by(submitted, delivered)
+    return found
 
 
 def _by(submitted: _Submitted, known: Delivered) -> Delivered:

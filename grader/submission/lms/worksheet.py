@@ -63,7 +63,8 @@ def _name_by_addresses(columns: list[str], sample: Sequence[Sequence[str]]) -> N
     beside = range(2, min(len(columns), _MOST_IDENTITY_COLUMNS))
     lines = [line for line in sample if len(line) == len(columns)]
     for n in beside:
-        if "email_address" not in columns and any(_ADDRESS.fullmatch(line[n]) for line in lines):
+        has_addresses = any(_ADDRESS.fullmatch(line[n]) for line in lines)
+        if has_addresses and "email_address" not in columns:
             columns[n] = "email_address"
     if "email_address" in columns[2:] and not _KNOWN & {columns[1]}:
         columns[1] = "full_name"
@@ -72,7 +73,7 @@ def _name_by_addresses(columns: list[str], sample: Sequence[Sequence[str]]) -> N
 def _translate(columns: list[str]) -> None:
     """Name the columns of ID numbers and addresses by their headings in other languages."""
     for n, column in enumerate(columns[1:5], 1):
-        if "mail" in column or "correo" in column or "courriel" in column:
+        if re.search("mail|correo|courriel", column):
             columns[n] = "email_address"
         elif re.match(r"(?i)(id[-_]|n.*[-_ ’']id|.*matri[ck]el)", column):
             columns[n] = "id_number"
@@ -85,8 +86,9 @@ def worksheet_time(text: str) -> datetime | None:
     """
     import dateparser
 
-    complete = len(text) <= _MOST_CHARACTERS and _CLOCK.search(text) and _YEAR.search(text)
-    if not complete or _TWO_DAYS.search(text):
+    if len(text) > _MOST_CHARACTERS or _TWO_DAYS.search(text):
+        return None
+    if not _CLOCK.search(text) or not _YEAR.search(text):
         return None
     settings = {
         "PARSERS": ["absolute-time"],
