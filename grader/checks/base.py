@@ -194,9 +194,8 @@ def graded(
 ) -> Finding:
     """State a finding by its share of the credit; full credit drops the reason.
 
-    The finding is undecided if `share` and `best` earn different credit. If the machine cannot have caused the whole loss,
-    and the levels are neighbours, the upper one counts at once. Without a doubt about the machine, repeated recordings
-    settle it: bounds more than a level apart show that the program itself is uneven, and the lower one counts;
+    The finding is undecided if `share` and `best` earn different credit. Without a doubt about the machine, repeated
+    recordings settle it: bounds more than a level apart show that the program itself is uneven, and the lower one counts;
     neighbouring levels are the error of the measurement, and the upper one counts.
 
     Parameters
@@ -212,13 +211,10 @@ def graded(
     """
     low = _leveled(share, levels)
     high = low if best is None else _leveled(best, levels)
-    is_uneven = float(high - low) > 1.5 / (levels or CREDIT_LEVELS)
-    if doubt and not is_uneven and high < _AS_GOOD_AS_FULL:
-        # No delay caused the whole loss, and a level is not worth another recording.
-        low = high
     if low != high:
         settled = None
         if not doubt:
+            is_uneven = float(high - low) > 1.5 / (levels or CREDIT_LEVELS)
             settled = graded(
                 float(low if is_uneven else high), expected, measured, reason, where=where
             )

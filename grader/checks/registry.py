@@ -65,7 +65,7 @@ class Check(Basis):
 
 
 def measured(measurement: Measurement) -> Finding:
-    """Measure and give credit; leave the check undecided if machine delays make full or very different credit possible."""
+    """Measure and give credit; leave the check undecided if delays of the machine make different credit possible."""
     finding = measurement.check.find(measurement.context, measurement.p)
     if finding.where or finding.outcome is Outcome.NOT_REACHED:
         return finding
