@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from pydantic import Field
 
 from grader.checks.base import (
@@ -318,6 +319,9 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     timers = _timers(context)
     rate_hz = rate.likely(timing.rate_hz)
     worst, best = rate.shares(p)
+    change = _change(context, p, measurement, timing)
+    if change is not None and quantise(change.share(p)) <= quantise(worst) < 1:
+        return _changed(context, p, change)
     return graded(
         worst,
         _expected_rate(p),
@@ -407,6 +411,93 @@ def _stopped(
     share = quantise(min(best, ramp(silent_share, p.full_within, p.zero_beyond)))
     where = (context.location(p.topic, span),)
     return unexplained(graded(share, _expected_rate(p), measured, reason, hint=hint, where=where))
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A window divided where its rate changes most."""
+
+    before: Timing
+    after: Timing
+    #: The second part of the window.
+    span: Span
+    #: Length of the first part, in s.
+    before_s: float
+    #: Highest rate in the second part without the delays of the machine, in Hz.
+    most_hz: float
+
+    def share(self, p: TopicRate) -> float:
+        """Return the best share of credit that the second part can earn, by its rate or by its usual interval.
+
+        A single gap leaves the usual interval as it is, and the rate of the whole window tells of it.
+        """
+        rates_hz = (self.after.rate_hz, self.most_hz, 1 / max(self.after.median_s, 1e-9))
+        nearest_off = min(abs(rate_hz / p.rate_hz - 1) for rate_hz in rates_hz)
+        return ramp(nearest_off, p.full_within, p.zero_beyond)
+
+
+#: Shortest part of a window with a rate of its own, in s.
+_LASTING_S = 1.0
+
+
+def _change(
+    context: Context, p: TopicRate, measurement: _Measurement, timing: Timing
+) -> _Change | None:
+    """Divide a window where the count of messages departs most from an even one.
+
+    None without two lasting parts of different usual intervals.
+    """
+    span = measurement.span
+    is_even = not measurement.method and timing.burst_error_hz is None
+    if span is None or not is_even or not len(timing.times_ns):
+        return None
+    turn_ns = _turn_ns(timing)
+    first = Span(span.start_ns, turn_ns)
+    second = Span(turn_ns, span.end_ns)
+    if min(first.duration_s, second.duration_s) < _LASTING_S:
+        return None
+    stream = context.session.stream(p.topic)
+    before = timing_of(stream, first)
+    after = timing_of(stream, second)
+    if before is None or after is None:
+        return None
+    differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > p.full_within
+    if not differs:
+        return None
+    most_hz = _most_hz(context, p, after, second)
+    return _Change(before, after, second, first.duration_s, most_hz)
+
+
+def _most_hz(context: Context, p: TopicRate, timing: Timing, span: Span) -> float:
+    """Return the highest rate that a part of a window may have had on an idle machine, in Hz."""
+    run = p.run(context)
+    delay_s = context.session.machine_delay_s(run, span) if run is not None else 0.0
+    late_s = _delay_before_s(context, run, span)
+    _, most_hz = _bounds_hz(timing, span.duration_s, delay_s, late_s, p.rate_hz)
+    return most_hz
+
+
+def _turn_ns(timing: Timing) -> int:
+    """Return the time at which the count of messages departs most from an even one."""
+    times = timing.times_ns - timing.times_ns[0]
+    numbers = timing.numbers - timing.numbers[0]
+    departures = np.abs(numbers / max(1, numbers[-1]) - times / max(1, times[-1]))
+    return int(timing.times_ns[int(np.argmax(departures))])
+
+
+def _changed(context: Context, p: TopicRate, change: _Change) -> Finding:
+    """Grade the rate with which a node goes on after a change."""
+    before_hz = f"{change.before.rate_hz:.1f} Hz for {change.before_s:.1f} s"
+    after_hz = f"{change.after.rate_hz:.1f} Hz"
+    return graded(
+        change.share(p),
+        _expected_rate(p),
+        f"{before_hz}, then {after_hz} for {change.span.duration_s:.1f} s",
+        f"The rate changes: messages come at {before_hz}, then at {after_hz}.",
+        hint="Publish at the same rate for as long as the node runs.",
+        where=(context.location(p.topic, change.span),),
+        levels=CREDIT_LEVELS,
+    )
 
 
 def _compared(rate_hz: float, p: TopicRate) -> str:

@@ -174,6 +174,64 @@ def _targets(node: ast.AST) -> Sequence[ast.expr]:
     return []
 
 
+def idle_callback(text: str) -> int | None:
+    """Return the line of the first subscription if no subscription's callback keeps anything of a message; else None.
+
+    A callback keeps nothing if it only passes, returns nothing, prints or logs: `create_subscription(T, "/a", lambda m:
+    None, 10)`. None too if the source does not show a callback.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    functions: dict[str, list[ast.stmt]] = {}
+    lines = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            functions[node.name] = node.body
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call) or not _is_named(node.func, "create_subscription"):
+            continue
+        if not _keeps_nothing(_callback_of(node), functions):
+            return None
+        lines.append(node.lineno)
+    return min(lines, default=None)
+
+
+def _is_named(function: ast.expr, name: str) -> bool:
+    return ast.unparse(function).rpartition(".")[2] == name
+
+
+def _callback_of(call: ast.Call) -> ast.expr | None:
+    """Return the third argument of a subscription, or the one by its name."""
+    for keyword in call.keywords:
+        if keyword.arg == "callback":
+            return keyword.value
+    return call.args[2] if len(call.args) > 2 else None
+
+
+def _keeps_nothing(callback: ast.expr | None, functions: Mapping[str, Sequence[ast.stmt]]) -> bool:
+    """Tell whether a callback that the source shows has no lasting effect."""
+    if isinstance(callback, ast.Lambda):
+        return _is_idle(ast.Expr(callback.body))
+    if not isinstance(callback, ast.Name | ast.Attribute):
+        return False
+    body = functions.get(ast.unparse(callback).rpartition(".")[2])
+    return body is not None and all(map(_is_idle, body))
+
+
+def _is_idle(statement: ast.stmt) -> bool:
+    """Tell whether a statement does nothing, or only prints or logs."""
+    match statement:
+        case ast.Pass() | ast.Return(value=None) | ast.Expr(ast.Constant()):
+            return True
+        case ast.Return(ast.Constant()):
+            return True
+        case ast.Expr(ast.Call(func=function)):
+            written = ast.unparse(function)
+            return written == "print" or "get_logger()." in written
+    return False
+
+
 def late_lambda(text: str) -> tuple[int, str] | None:
     """Return the line of the first lambda in a loop that uses the loop's variable, and the variable; None without one.
 

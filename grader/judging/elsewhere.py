@@ -49,9 +49,11 @@ def _required(spec: CheckSpec, specs: Mapping[str, CheckSpec]) -> Iterator[Check
 
 def _shows_nothing(spec: CheckSpec, gate: Finding) -> bool:
     """Tell whether the own session of a check shows nothing, by the finding of a required check."""
+    if not gate.outcome.decided:
+        return False
     if gate.is_silent:
         return not is_by_endpoints(spec)
-    return gate.outcome.decided and not gate.outcome.goes_on
+    return not gate.outcome.goes_on
 
 
 def _can_judge(spec: CheckSpec, other: Recorded) -> bool:

@@ -322,6 +322,26 @@ def test_the_machine_does_not_excuse_a_node_that_is_slow_by_itself(tmp_path: Pat
     assert judged("topic_rate", RATE, session).outcome is Outcome.FAILED
 
 
+@pytest.mark.parametrize("turn_s", [4.0, 8.0])
+def test_a_rate_that_changes_for_good_is_judged_by_its_end(tmp_path: Path, turn_s: float) -> None:
+    """The machine was busy for a moment, which is no excuse for half of the rate."""
+    times = [*evenly(100, turn_s), *evenly(50, 9.5 - turn_s, 1.0 + turn_s + 0.02)]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").window(1.0, 10.5)
+    session.messages(TOPIC, [[0.0] * 7] * len(times), times).disturbed("it", (3.0, 0.14))
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is Outcome.FAILED
+    assert f"at 100.0 Hz for {turn_s:.1f} s, then at 50.0 Hz" in finding.reason
+
+
+@pytest.mark.parametrize("gap_s", [(5.0, 5.4), (6.2, 6.6)], ids=["in the middle", "near the end"])
+def test_a_single_gap_is_no_change_of_the_rate(tmp_path: Path, gap_s: tuple[float, float]) -> None:
+    """It costs what it takes off the rate of the whole window."""
+    times = [t for t in evenly(100, 6.0) if not gap_s[0] < t < gap_s[1]]
+    finding = judged("topic_rate", RATE, published(tmp_path, times))
+    assert finding.outcome is Outcome.PARTIAL
+    assert "changes" not in finding.reason
+
+
 def test_a_starved_node_is_undecided_however_even_its_intervals(tmp_path: Path) -> None:
     """A node that gets its core every other time is even and slow, and its usual interval proves nothing then."""
     session = published(tmp_path, evenly(60, 6.0)).delayed("it", 3.6, 8.0)
