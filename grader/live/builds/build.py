@@ -152,7 +152,10 @@ def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
 
 
 def _parts_of(output: str) -> dict[str, tuple[str, str]]:
-    """Return for each package the word by which its build ended, and its part of the output."""
+    """Return for each package the word by which its build ended, and its part of the output.
+
+    A setup.py can print the line of a success, but not take back the line of a failure: that one counts.
+    """
     parts: dict[str, tuple[str, str]] = {}
     name = ""
     lines: list[str] = []
@@ -163,13 +166,19 @@ def _parts_of(output: str) -> dict[str, tuple[str, str]]:
             name = begins[1]
             lines = []
         elif ends is not None and ends[2] == name:
-            parts[name] = (ends[1], "\n".join(lines))
-            name = ""
+            _end(parts, name, ends[1], lines)
         else:
             lines.append(line)
-    if name:
+    if name and name not in parts:
         parts[name] = ("", "\n".join(lines))
     return parts
+
+
+def _end(parts: dict[str, tuple[str, str]], name: str, word: str, lines: list[str]) -> None:
+    """Note the end of a package's build, unless it failed before."""
+    before = parts.get(name)
+    if before is None or before[0] == "Finished":
+        parts[name] = (word, "\n".join(lines))
 
 
 def _fact(
@@ -183,7 +192,8 @@ def _fact(
         return fact
     ended, output = parts.get(package.name, ("", ran.output))
     fact.output = _shortened(output)
-    if ended == "Finished":
+    is_consistent = ran.status == 0 or any(word != "Finished" for word, _ in parts.values())
+    if ended == "Finished" and is_consistent:
         fact.outcome = "built"
         prefix = room.areas[WORKSPACE] / "install" / package.name
         _note_installed(fact, colcon.installed_in(prefix, _MOST_INSTALLED))
