@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 
+from confine.helpers import find_tool
 from confine.interpreters import OWN_INTERPRETER
 from confine.isolation import Isolation
 from confine.scratch import scratch_prefix
@@ -60,8 +61,7 @@ def build_packages(
     """
     if not submission.packages or not can_build(isolation):
         return None
-    tools = {kind: _is_here(package) for kind, package in _BUILD_TOOLS.items()}
-    missing = [each for each in submission.packages if not tools.get(each.build_type, True)]
+    missing = _without_tool(submission)
     others = [each for each in submission.packages if each not in missing]
     facts = [_lacks_tool(package) for package in missing]
     if not others:
@@ -84,6 +84,26 @@ def can_build(isolation: Isolation) -> bool:
 def _is_here(package: str) -> bool:
     """Return whether a package of ROS is installed here."""
     return Path(sys.prefix, "share", package).is_dir()
+
+
+def _without_tool(submission: SubmissionRecord) -> list[PackageFact]:
+    """Return the packages of a build type whose tool is missing here."""
+    missing = []
+    for package in submission.packages:
+        tool = _BUILD_TOOLS.get(package.build_type)
+        if tool is None or _is_here(tool):
+            continue
+        if not _lacks_script(package, submission):
+            missing.append(package)
+    return missing
+
+
+def _lacks_script(package: PackageFact, submission: SubmissionRecord) -> bool:
+    """Return whether CMake, if it is here, surely stops for want of a CMakeLists.txt."""
+    if find_tool("cmake") is None:
+        return False
+    script = f"{package.path}/CMakeLists.txt".lstrip("/")
+    return all(file.path != script for file in submission.files)
 
 
 def _lacks_tool(package: PackageFact) -> BuildFact:
