@@ -65,7 +65,7 @@ def _ignored(package: PackageFact, texts: Mapping[str, str]) -> BuildFault:
     for problem in package.problems:
         if problem.startswith("package.xml"):
             message = f"`colcon build` finds no package of ROS in {manifest}: {problem}"
-            return BuildFault(message, "Mend package.xml.", manifest)
+            return BuildFault(message, "Correct package.xml.", manifest)
     message = f"`colcon build` does not find the package {package.name}"
     for above in PurePosixPath(manifest).parents:
         if str(above / "COLCON_IGNORE") in texts:
@@ -217,7 +217,10 @@ _REMEDIES = (
         r"there is no setup\.py",
         "Add setup.py; `ros2 pkg create --build-type ament_python` shows one.",
     ),
-    (r"^SyntaxError", "Mend the syntax of the file; `python3 setup.py --version` shows the error."),
+    (
+        r"^SyntaxError",
+        "Correct the syntax of the file; `python3 setup.py --version` shows the error.",
+    ),
     (r"No module named '(.+?)'", "A setup.py imports setuptools alone; remove the import of {0}."),
     (
         r"entry point",
