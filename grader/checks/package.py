@@ -85,12 +85,16 @@ def package_builds(context: Context, p: PackageBuilds) -> Finding:
 
 
 def _wanted(context: Context, p: PackageBuilds) -> list[PackageFact]:
-    """Return the packages that count."""
-    found = []
-    for package in context.submission.packages:
-        if p.package in (None, package.name):
-            found.append(package)
-    return found
+    """Return the packages that count: the named one, or all but those beside COLCON_IGNORE."""
+    submission = context.submission
+    if p.package is not None:
+        return [package for package in submission.packages if package.name == p.package]
+    ignored = []
+    for build in submission.builds or []:
+        if build.outcome == "ignored":
+            ignored.append(build.path)
+    found = [package for package in submission.packages if package.path not in ignored]
+    return found or submission.packages
 
 
 def _undecided(package: PackageFact, build: BuildFact | None) -> str:

@@ -43,7 +43,7 @@ def build_fault(
 ) -> BuildFault | None:
     """Return the fault at which a build stopped; None for a package that was built, or that nobody could build here."""
     if build.outcome == "ignored":
-        return _ignored(package)
+        return _ignored(package, texts)
     if build.outcome != "failed":
         return None
     found = _place_of(package, build.output)
@@ -59,13 +59,21 @@ def build_fault(
     )
 
 
-def _ignored(package: PackageFact) -> BuildFault:
+def _ignored(package: PackageFact, texts: Mapping[str, str]) -> BuildFault:
     """Return the fault of a package that colcon does not find."""
-    return BuildFault(
-        f"`colcon build` does not find the package {package.name}.",
-        "Remove COLCON_IGNORE, and move the package out of folders of other packages.",
-        _within(package, "package.xml"),
-    )
+    manifest = _within(package, "package.xml")
+    for problem in package.problems:
+        if problem.startswith("package.xml"):
+            message = f"`colcon build` finds no package of ROS in {manifest}: {problem}"
+            return BuildFault(message, "Correct package.xml.", manifest)
+    message = f"`colcon build` does not find the package {package.name}"
+    for above in PurePosixPath(manifest).parents:
+        if str(above / "COLCON_IGNORE") in texts:
+            return BuildFault(
+                f"{message}: COLCON_IGNORE is beside it.", "Remove COLCON_IGNORE.", manifest
+            )
+    remedy = "Move the package out of the folder of the other package."
+    return BuildFault(f"{message}: it lies inside another package.", remedy, manifest)
 
 
 def _place_of(package: PackageFact, output: str) -> _Place:
@@ -209,7 +217,10 @@ _REMEDIES = (
         r"there is no setup\.py",
         "Add setup.py; `ros2 pkg create --build-type ament_python` shows one.",
     ),
-    (r"^SyntaxError", "Mend the syntax of the file; `python3 setup.py --version` shows the error."),
+    (
+        r"^SyntaxError",
+        "Correct the syntax of the file; `python3 setup.py --version` shows the error.",
+    ),
     (r"No module named '(.+?)'", "A setup.py imports setuptools alone; remove the import of {0}."),
     (
         r"entry point",

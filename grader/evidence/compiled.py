@@ -56,13 +56,20 @@ def not_assessable(submission: SubmissionRecord, package: PackageFact, program: 
 def unbuilt_program_for(submission: SubmissionRecord, expected: str) -> str:
     """Say that a missing Python program may be a compiled one; empty if no such program is in the submission.
 
+    A compiled program with the name of another artifact stands for that artifact alone.
+
     Parameters
     ----------
     expected
         Name of the missing file, such as `talker.py`.
     """
+    if not expected.endswith(".py") or _LAUNCH.search(expected):
+        return ""
     programs = unbuilt_programs(submission)
-    if not programs or not expected.endswith(".py") or _LAUNCH.search(expected):
+    for artifact in submission.artifacts:
+        if artifact.expected != expected:
+            programs.pop(artifact.expected.removesuffix(".py"), None)
+    if not programs:
         return ""
     wanted = expected.removesuffix(".py")
     name = wanted if wanted in programs else next(iter(programs))

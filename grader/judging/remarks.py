@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from grader.evidence.build_faults import build_fault, placement_fault
+from grader.evidence.compiled import why_not_built
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.gaps import limits_hit
 from grader.evidence.recorded import Recorded
@@ -35,10 +37,31 @@ def advisories_of(
     for recorded in recordings:
         found += map(_of_variable, asked_in(recorded, submission))
         found += _of_prefixes(recorded)
+    reasons = []
     for criterion in criteria:
         for check in criterion.checks:
             found += check.notes
+            reasons.append(check.reason)
+    said = "\n".join(reasons)
+    for remark, fault in _of_builds(submission):
+        if fault not in said:
+            found.append(remark)
     return tuple(dict.fromkeys(found))
+
+
+def _of_builds(submission: SubmissionRecord) -> Iterator[tuple[str, str]]:
+    """Yield a remark about each package that `ros2 run` cannot use as handed in, and its fault alone."""
+    for package in submission.packages:
+        build = submission.build_of(package)
+        if build is None:
+            continue
+        if why_not_built(build):
+            continue
+        fault = build_fault(package, build, submission.texts)
+        if fault is None:
+            fault = placement_fault(package, build)
+        if fault is not None:
+            yield f"{fault.message} {fault.remedy}", fault.message
 
 
 def _of_programs(sessions: Iterable[Recorded]) -> Iterator[str]:

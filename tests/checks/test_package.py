@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from grader.checks.package import build_cause
-from grader.recording.submission import BuildFact, SubmissionRecord
+from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
 from grader.result import Finding, Outcome
 from grader.submission.packages.colcon import find_packages
 from tests.ros_packages import PACKAGE
@@ -64,6 +64,16 @@ def test_each_part_costs_its_weight(build: dict[str, Any], credit: str, words: s
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
     assert finding.hint
+
+
+def test_a_package_that_was_put_aside_does_not_count() -> None:
+    """A package beside COLCON_IGNORE is judged only by its name."""
+    record = handed_in()
+    record.packages.append(PackageFact("old", "old", "ament_python"))
+    assert record.builds is not None
+    record.builds.append(BuildFact("old", "old", "ignored"))
+    assert found(record).outcome is Outcome.PASSED
+    assert found(record, package="old").outcome is not Outcome.PASSED
 
 
 def test_undeclared_dependencies_and_made_folders_cost_a_part() -> None:

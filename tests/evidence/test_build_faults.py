@@ -115,10 +115,20 @@ def test_without_a_failure_there_is_no_fault(outcome: str) -> None:
 
 
 def test_an_ignored_package_is_not_found() -> None:
-    """A package that colcon skips is not built."""
-    fault = build_fault(LAB, BuildFact("lab", "ws/lab", "ignored"), {})
-    assert fault is not None
-    assert "COLCON_IGNORE" in fault.remedy
+    """A package that colcon skips is not built, for one of three reasons."""
+    build = BuildFact("lab", "ws/lab", "ignored")
+    beside = build_fault(LAB, build, {"ws/COLCON_IGNORE": ""})
+    inside = build_fault(LAB, build, {})
+    invalid = PackageFact(
+        "lab", "ws/lab", "ament_python", problems=["package.xml is not valid XML: x"]
+    )
+    wrong = build_fault(invalid, build, {})
+    assert beside is not None
+    assert inside is not None
+    assert wrong is not None
+    assert "COLCON_IGNORE" in beside.remedy
+    assert "inside another package" in inside.message
+    assert "is not valid XML" in wrong.message
 
 
 @pytest.mark.parametrize(

@@ -78,6 +78,16 @@ def test_a_missing_python_program_may_be_a_compiled_one(expected: str, words: st
     assert bool(found) == bool(words)
 
 
+def test_a_program_with_the_name_of_another_artifact_is_no_substitute() -> None:
+    """A missing file is charged if each compiled program stands for another one."""
+    record = submission(
+        {"arm/CMakeLists.txt": "add_executable(talker a.cpp)"}, talker=None, other=None
+    )
+    record.packages = [PackageFact("arm", "arm", "ament_cmake")]
+    assert unbuilt_program_for(record, "talker.py")
+    assert unbuilt_program_for(record, "other.py") == ""
+
+
 def test_without_compiled_programs_nothing_is_open() -> None:
     """A submission in Python alone has no excuse for a missing file."""
     assert unbuilt_program_for(submission(), "talker.py") == ""

@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 
+from confine.helpers import find_tool
 from confine.interpreters import OWN_INTERPRETER
 from confine.isolation import Isolation
 from confine.scratch import scratch_prefix
@@ -60,8 +61,7 @@ def build_packages(
     """
     if not submission.packages or not can_build(isolation):
         return None
-    tools = {kind: _is_here(package) for kind, package in _BUILD_TOOLS.items()}
-    missing = [each for each in submission.packages if not tools.get(each.build_type, True)]
+    missing = _without_tool(submission)
     others = [each for each in submission.packages if each not in missing]
     facts = [_lacks_tool(package) for package in missing]
     if not others:
@@ -84,6 +84,26 @@ def can_build(isolation: Isolation) -> bool:
 def _is_here(package: str) -> bool:
     """Return whether a package of ROS is installed here."""
     return Path(sys.prefix, "share", package).is_dir()
+
+
+def _without_tool(submission: SubmissionRecord) -> list[PackageFact]:
+    """Return the packages of a build type whose tool is missing here."""
+    missing = []
+    for package in submission.packages:
+        tool = _BUILD_TOOLS.get(package.build_type)
+        if tool is None or _is_here(tool):
+            continue
+        if not _lacks_script(package, submission):
+            missing.append(package)
+    return missing
+
+
+def _lacks_script(package: PackageFact, submission: SubmissionRecord) -> bool:
+    """Return whether CMake, if it is here, surely stops for want of a CMakeLists.txt."""
+    if find_tool("cmake") is None:
+        return False
+    script = f"{package.path}/CMakeLists.txt".lstrip("/")
+    return all(file.path != script for file in submission.files)
 
 
 def _lacks_tool(package: PackageFact) -> BuildFact:
@@ -152,7 +172,10 @@ def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
 
 
 def _parts_of(output: str) -> dict[str, tuple[str, str]]:
-    """Return for each package the word by which its build ended, and its part of the output."""
+    """Return for each package the word by which its build ended, and its part of the output.
+
+    A setup.py can print the line of a success, but not take back the line of a failure: that one counts.
+    """
     parts: dict[str, tuple[str, str]] = {}
     name = ""
     lines: list[str] = []
@@ -163,13 +186,19 @@ def _parts_of(output: str) -> dict[str, tuple[str, str]]:
             name = begins[1]
             lines = []
         elif ends is not None and ends[2] == name:
-            parts[name] = (ends[1], "\n".join(lines))
-            name = ""
+            _end(parts, name, ends[1], lines)
         else:
             lines.append(line)
-    if name:
+    if name and name not in parts:
         parts[name] = ("", "\n".join(lines))
     return parts
+
+
+def _end(parts: dict[str, tuple[str, str]], name: str, word: str, lines: list[str]) -> None:
+    """Note the end of a package's build, unless it failed before."""
+    before = parts.get(name)
+    if before is None or before[0] == "Finished":
+        parts[name] = (word, "\n".join(lines))
 
 
 def _fact(
@@ -183,7 +212,8 @@ def _fact(
         return fact
     ended, output = parts.get(package.name, ("", ran.output))
     fact.output = _shortened(output)
-    if ended == "Finished":
+    is_consistent = ran.status == 0 or any(word != "Finished" for word, _ in parts.values())
+    if ended == "Finished" and is_consistent:
         fact.outcome = "built"
         prefix = room.areas[WORKSPACE] / "install" / package.name
         _note_installed(fact, colcon.installed_in(prefix, _MOST_INSTALLED))
