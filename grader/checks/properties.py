@@ -165,11 +165,12 @@ def _judged(
     """
     topic = next(iter(p.signals.values())).topic
     at_s, here = moment(context, topic, worst_ns)
-    shown = []
+    values_then = []
     for name, values in signals.items():
-        shown.append(f"{name} = {values[found.worst]:.4g}")
+        values_then.append(f"{name} = {values[found.worst]:.4g}")
+    shown = ", ".join(values_then)
     measured = "holds" if found.value > 0 else "missed"
-    measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {', '.join(shown)}"
+    measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {shown}"
     where = (context.location(topic, here),)
     share = _share(p, found.value)
     if share == 1.0 and found.never:
