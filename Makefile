@@ -28,7 +28,7 @@ test: $(DEV_STAMP) system-dev lint
 	  $(BIN)/python -m pytest -n 2 -m "$(QUICK)" --junitxml=$(DURATIONS)/quick.xml; tests=$$?; \
 	  wait $$checks; checked=$$?; cat "$$said"; rm -f "$$said"; exit $$((tests | checked))
 
-# Live tests, the browser, the slow properties, and a rotating part of the fixtures and attacks; some forty minutes.
+# Live tests, the browser, the slow properties, and a rotating part of the fixtures, attacks and limits; some thirty minutes.
 test-rest: $(DEV_STAMP) system-dev
 	$(BIN)/python -m pytest -n 3 -m "not $(QUICK)" --junitxml=$(DURATIONS)/rest.xml
 
@@ -38,14 +38,15 @@ test-all: test test-rest
 thorough: $(DEV_STAMP) system-dev
 	THOROUGH=1 $(BIN)/python -m pytest -n 4 -m "not live"
 
-# Every fixture; some six minutes. `make test-all` grades a tenth of them, others for each commit.
+# Every fixture; some six minutes. `make test-all` grades a twentieth of them, others for each commit.
 fixtures: $(DEV_STAMP) system
 	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py
 
-# Every attack of fixtures/attacks in all three environments, and every launch file that misbehaves; some fifty minutes.
-# `make test-all` tries a part of them.
+# Every attack of fixtures/attacks in all three environments, every launch file that misbehaves, and every low limit; some fifty
+# minutes. `make test-all` tries a part of them.
 attacks: $(DEV_STAMP) system
-	ATTACKS=all $(BIN)/python -m pytest -n 3 tests/live/test_attacks.py tests/live/test_launch_containment.py
+	ATTACKS=all $(BIN)/python -m pytest -n 3 tests/live/test_attacks.py tests/live/test_launch_containment.py \
+	  tests/live/test_limits.py
 
 # What grading costs and how sure it is, on this machine; some twenty minutes. Run it while nothing else runs.
 bench: $(STAMP) system

@@ -26,6 +26,7 @@ from grader.judging.rubrics import rubric_files
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
+from grader.live.builds.build import build_packages, can_build
 from grader.live.interfaces.build import parts_in
 from grader.live.interfaces.needs import Needed, needed_interfaces, provide_interfaces
 from grader.live.sandbox.environment import (
@@ -294,6 +295,7 @@ class Grading:
         interfaces, staged = (_scratch(stack) for _ in range(2))
         lacking = self._build_interfaces(needs, interfaces, isolation, scheduler)
         if self.options.scope is not Scope.UNDECIDED:
+            self._build_packages(isolation, scheduler)
             self._begin_recordings()
         executables = self._stage(staged, scheduler)
         return SessionRunner(
@@ -365,6 +367,18 @@ class Grading:
                 self.options.interpreter,
                 still_building,
             )
+
+    def _build_packages(self, isolation: Isolation, scheduler: Scheduler) -> None:
+        """Build the submission's packages, and note the outcomes; bare files need no build."""
+        submission = self.submission
+        if not submission.packages:
+            return
+        if not can_build(isolation):
+            return
+        time_s = self.rubric.lab.build_timeout_s
+        with self._work("building packages", scheduler):
+            builds = build_packages(self.folder, submission, isolation, time_s)
+        submission.builds = builds
 
     def _begin_recordings(self) -> None:
         """Remove an earlier recording, and begin with the submission and the rubric."""

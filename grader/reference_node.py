@@ -19,12 +19,15 @@ A reference node is a program of the lab, in the folder of its rubric, that runs
 
     sys.exit(run(Settings, play))
 
-It is started with one argument, `{"seed": 1, "names": {...}, "with": {...}}`. With `-` in place of it, it reads the
-configuration from standard input, and other users of the machine cannot see it on the command line. It prints `ready`
-once all its endpoints exist, runs until SIGINT or SIGTERM, and exits with status 0.
+It is started with one argument, `{"seed": 1, "names": {...}, "with": {...}}`. It prints `ready` once all its endpoints
+exist, runs until SIGINT or SIGTERM, and exits with status 0.
 
-It also prints its identity in the graph, and the digests of its messages (see `grader.recording.trusted_channel`). All
-its messages must be in the recording if it published nothing before `wait_until_recorded`.
+With `-` as its argument, it reads the configuration from the first line of standard input, and other users of the
+machine cannot see it on the command line. It then prints its identity in the graph, and opens no endpoint before the
+second line: the grader first keeps packets of other programs in its name away from the recorder.
+
+It also prints the digests of its messages (see `grader.recording.trusted_channel`). All its messages must be in the
+recording if it published nothing before `wait_until_recorded`.
 """
 
 from __future__ import annotations
@@ -50,6 +53,8 @@ if TYPE_CHECKING:
 #: Longest sleep, in s. It delays the reaction to a signal, because a signal does not cut `time.sleep` short.
 LONGEST_SLEEP_S = 0.02
 BAD_CONFIGURATION_STATUS = 2
+#: Argument of a node that reads its configuration from standard input.
+FROM_INPUT = "-"
 #: Digests in a line of output, which may not be longer than 8 KiB.
 DIGESTS_IN_LINE = 500
 MATCH_POLL_NS = 5_000_000
@@ -276,6 +281,8 @@ def reference_node(name: str) -> Iterator[ReferenceNode]:
     )
     reference = ReferenceNode(node)
     reference.report_participant()
+    if sys.argv[1:] == [FROM_INPUT]:
+        sys.stdin.readline()
     try:
         yield reference
     finally:
@@ -293,8 +300,8 @@ def run(kind: type[T], play: Callable[[Configuration, T, StopRequest], None]) ->
                 "one argument is expected: the configuration as a JSON object, or -"
             )
         text = sys.argv[1]
-        if text == "-":
-            text = sys.stdin.read()
+        if text == FROM_INPUT:
+            text = sys.stdin.readline()
         configuration = parse_configuration(text)
         settings = build_settings(kind, configuration.settings)
     except ConfigurationError as problem:

@@ -12,6 +12,7 @@ from typing import Any
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import explain
+from grader.evidence.crash.hang import hang_of
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
 from grader.evidence.source_causes import corrected
@@ -124,7 +125,7 @@ class Context:
         found = explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
         if found is None or found.file is None:
             return found
-        return corrected(found, self.submission.texts.get(found.file, ""))
+        return corrected(found, self.submission.texts)
 
     def diagnosis(self, artifact: str) -> Diagnosis | None:
         """Explain why one of an artifact's processes ended or misbehaved."""
@@ -135,6 +136,13 @@ class Context:
             if found is not None:
                 return found
         return None
+
+    def hang(self, artifact: str) -> Diagnosis | None:
+        """Return where an artifact's program hangs; None if its stacks do not show that."""
+        if self.recorded is None:
+            return None
+        stacks = [stack for stack in self.recorded.record.stacks if stack.process == artifact]
+        return hang_of(stacks, [f.path for f in self.submission.files], self.submission.texts)
 
     def parameter(self, step: str | None, name: str | None) -> Any:
         """Return the value of a parameter as a step read it in the running node; None if it did not."""
@@ -219,12 +227,17 @@ def graded(
             settled = graded(
                 float(low if is_uneven else high), expected, measured, reason, where=where
             )
-        cause = doubt or _MEASUREMENT_ERROR
+        cause = f"{doubt or _MEASUREMENT_ERROR} {_between(low, high)}"
         return inconclusive(expected, measured, cause, where=where, settled=settled)
     if low >= _AS_GOOD_AS_FULL:
         return passed(expected, measured, where=where, notes=notes)
     outcome = Outcome.PARTIAL if low > 0 else Outcome.FAILED
     return Finding(outcome, low, expected, measured, reason, hint, tuple(where), tuple(notes))
+
+
+def _between(low: Decimal, high: Decimal) -> str:
+    """Say between which two credits an undecided check lies."""
+    return f"It earns at least {low:.0%} and at most {high:.0%} of the points."
 
 
 def _leveled(share: float, levels: int) -> Decimal:
@@ -469,8 +482,14 @@ def percent(share: float) -> str:
 MANY_DELAYS = 0.25
 
 
+#: Shortest delay, in s, that is given as a cause; two decimal places show it.
+_LEAST_DELAY_S = 0.005
+
+
 def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
-    """Say that the delay of the machine may be the cause of a fault."""
+    """Say that the delay of the machine may be the cause of a fault; empty for a delay too short to be shown."""
+    if delay_s < _LEAST_DELAY_S:
+        return ""
     return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."
 
 

@@ -33,6 +33,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topics_subscribed": ("ros2 node info {node}",),
     **dict.fromkeys(("survives", "call_answered", "parameters_declared", "call_value"), _STEP),
     **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
+    "package_builds": ("colcon build",),
     "service_offered": ("ros2 service list -t",),
     "action_server": ("ros2 action info -t {action}", "{step}"),
     "parameter_effect": ("{set_step}",),
@@ -60,6 +61,8 @@ def commands_of(
     """
     if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
         return ()
+    if _is_missing(spec, submission):
+        return ()
     scope = _Scope(spec, rubric, submission, used, finding.reason)
     lines: dict[str, None] = {}
     for template in _templates(spec):
@@ -68,6 +71,12 @@ def commands_of(
             if len(lines) == _MOST:
                 return tuple(lines)
     return tuple(lines)
+
+
+def _is_missing(spec: CheckSpec, submission: SubmissionRecord) -> bool:
+    """Return whether the file that a check is about was not handed in, so that there is nothing to run."""
+    missing = {fact.name for fact in submission.artifacts if fact.path is None}
+    return any(getattr(spec.parameters, name, None) in missing for name in _FILES)
 
 
 def _templates(spec: CheckSpec) -> tuple[str, ...]:
@@ -123,13 +132,23 @@ class _Scope:
             return [self._quoted(value)]
         within = list(dict.fromkeys(_within(self._own, name)))
         lines: list[str] = []
-        for label in within:
-            if label in self._steps:
-                lines += self._lines(self._steps[label])
-        if any(label in self._steps for label in within):
+        labels = [label for label in within if label in self._steps]
+        for label in self._failed(labels):
+            lines += self._lines(self._steps[label])
+        if labels:
             return lines
         mentioned = [each for each in within if self._is_mentioned(each)]
         return [self._quoted(each) for each in mentioned or within]
+
+    def _failed(self, labels: Sequence[str]) -> Sequence[str]:
+        """Return the labels of the steps that the reason mentions, or else all of them."""
+        mentioned = [label for label in labels if self._names_step(label)]
+        return mentioned or labels
+
+    def _names_step(self, label: str) -> bool:
+        """Tell whether the reason mentions a step, as in `'enable'`, `"enable"` or `enable: No answer ...`."""
+        quoted = (f"'{label}'", f'"{label}"', f"{label}: ")
+        return any(text in self._reason for text in quoted)
 
     def _is_mentioned(self, name: str) -> bool:
         used = self._used.get(name, name)

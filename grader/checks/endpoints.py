@@ -53,6 +53,11 @@ class OfEndpoint(OfNode):
     other_name_costs: Share = Field(0.6, description="Share of the credit that another name costs.")
     other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
 
+    @property
+    def other_domain_costs(self) -> float:
+        """The cost of another name: in neither case do two programs of the lab connect."""
+        return self.other_name_costs
+
     def faults(
         self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
     ) -> list[tuple[float, str]]:
@@ -178,8 +183,15 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
         measured += f", depth {asked.depth} in the source"
     share = 1 - len(wrong) / max(1, len(wanted))
     where = (*claimed_at(claim), context.location(p.topic))
-    notes = _depth_notes(p, asked)
-    finding = graded(share, expected, measured, " ".join(wrong), where=where, notes=notes)
+    finding = graded(
+        share,
+        expected,
+        measured,
+        " ".join(wrong),
+        hint=_profile_hint(qos, wanted, claim),
+        where=where,
+        notes=_depth_notes(p, asked),
+    )
     if not wrong or kind != "subscription":
         return finding
     if unheard(context, p.topic) is None:
@@ -217,6 +229,17 @@ def _other_policies(qos: Qos, wanted: Mapping[str, str]) -> list[str]:
         if got != value:
             others.append(f"{got.upper()} {name}, not {value.upper()}")
     return others
+
+
+def _profile_hint(qos: Qos, wanted: Mapping[str, str], claim: Claim | None) -> str:
+    """Return the arguments of the profile that mend it, for a call whose line is known; else the rubric has a hint."""
+    if claim is None or claim.file.startswith("/"):
+        return ""
+    arguments = []
+    for name, value in wanted.items():
+        if getattr(qos, name) != value:
+            arguments.append(f"{name}={name.capitalize()}Policy.{value.upper()}")
+    return f"In line {claim.line}, pass a QoSProfile with {' and '.join(arguments)}."
 
 
 def _depth_notes(p: QosWanted, asked: Qos | None) -> list[str]:

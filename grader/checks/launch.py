@@ -29,8 +29,11 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.fields import NumbersOf
+from grader.checks.package import build_cause
 from grader.checks.preconditions import environment_gap_of
 from grader.checks.service import parameter_cause
+from grader.evidence.build_faults import build_fault, placement_fault, start_fault
+from grader.evidence.compiled import not_assessable, unbuilt_programs, why_not_built
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.environment_gap import absent_module
@@ -101,6 +104,11 @@ class LaunchLoads(Parameters):
     not_installed_costs: Share = Field(
         0.0, description="Cost of a file that its package's build does not install."
     )
+    unbuilt_rest: Share = Field(
+        0.9,
+        description="The same share if only a package has a mistake: it does not build, or `ros2 launch` cannot start its "
+        "executables.",
+    )
 
 
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
@@ -118,14 +126,24 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if problem is not None:
         noted.append(repair_of(problem))
     faults = [each for each in noted if not _excuse(context, each)]
+    undecided = _compiled_programs(context, noted)
+    if problem is not None and faults:
+        undecided = undecided or _not_assessable(context, plan, problem)
+    where = _at(context, problem)
+    if undecided:
+        measured = problem.message if problem is not None else "a compiled program"
+        return inconclusive(expected, measured, undecided, where=where, retry=False)
     if not faults:
         return _loads(context, p, expected, plan, noted)
     if problem is None:
         return _repaired(faults, expected, p.repaired_rest)
-    where = _at(context, problem)
-    undecided = _not_assessable(context, plan, problem)
-    if undecided:
-        return inconclusive(expected, problem.message, undecided, where=where, retry=False)
+    return _stopped(p, expected, plan, problem, where)
+
+
+def _stopped(
+    p: LaunchLoads, expected: str, plan: Plan, problem: Problem, where: tuple[Location, ...]
+) -> Finding:
+    """State the mistake that ends the evaluation of a launch file."""
     reason = _capitalised(problem.message)
     if problem.file and problem.line:
         reason += f" ({problem.file}, line {problem.line})"
@@ -139,7 +157,11 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
 def _loads(
     context: Context, p: LaunchLoads, expected: str, plan: Plan, noted: Sequence[Repair]
 ) -> Finding:
-    """State that a launch file can be evaluated, and whether its package installs it."""
+    """State that a launch file can be evaluated, and the mistakes of its packages."""
+    packages = _package_faults(context, p.artifact, plan)
+    if packages:
+        found = _repaired(list(packages.values()), expected, p.unbuilt_rest)
+        return context.charge(found, next(iter(packages)))
     measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
     notes = [_excuse(context, each) for each in noted]
     for warning in plan.warnings:
@@ -182,15 +204,60 @@ def _not_assessable(context: Context, plan: Plan, problem: Problem) -> str:
 
 def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
     """Return the package that holds an artifact's file and surely does not install it, if one does."""
+    owner = _owner(context, artifact)
+    if owner is None or owner.shared is None:
+        return None
+    return None if context.path_of(artifact) in owner.shared.values() else owner
+
+
+def _owner(context: Context, artifact: str) -> PackageFact | None:
+    """Return the package in whose folder an artifact's file lies."""
     path = context.path_of(artifact) or ""
     owners = []
     for package in context.submission.packages:
         if path.startswith(f"{package.path}/".lstrip("/")):
             owners.append(package)
-    owner = max(owners, key=lambda package: len(package.path), default=None)
-    if owner is None or owner.shared is None:
-        return None
-    return None if path in owner.shared.values() else owner
+    return max(owners, key=lambda package: len(package.path), default=None)
+
+
+def _compiled_programs(context: Context, noted: Sequence[Repair]) -> str:
+    """Say that a program of the launch file is compiled and was not built here; empty without such a program."""
+    programs = unbuilt_programs(context.submission)
+    for each in noted:
+        if each.kind != "unknown_executable":
+            continue
+        for name, package in programs.items():
+            if f"'{name}'" in each.message or "$" in name:
+                return not_assessable(context.submission, package, name)
+    return ""
+
+
+def _package_faults(context: Context, artifact: str, plan: Plan) -> dict[str, Repair]:
+    """Return the faults of the packages that a launch file names or belongs to, by their causes.
+
+    `ros2 launch` needs these packages built, with executables that Linux can start.
+    """
+    owner = _owner(context, artifact)
+    texts = context.submission.texts
+    found = {}
+    for package in context.submission.packages:
+        named = [each.executable for each in plan.processes if each.package == package.name]
+        if not named and package != owner:
+            continue
+        build = context.submission.build_of(package)
+        fault = None
+        if build is not None and not why_not_built(build):
+            fault = build_fault(package, build, texts) or placement_fault(package, build)
+        if fault is None:
+            fault = start_fault(package, build, texts, filter(None, named))
+        if fault is not None:
+            found[build_cause(package)] = Repair(
+                "package", fault.message, fault.file, fault.line, fault.remedy, _AS_MEANT
+            )
+    return found
+
+
+_AS_MEANT = "the package was installed as its build files intend"
 
 
 def _excuse(context: Context, noted: Repair) -> str:
@@ -1038,6 +1105,11 @@ class LaunchTogether(Parameters):
     commands: TogetherCommands | None = None
     follows: TogetherFollows | None = None
     answers: TogetherAnswers | None = None
+
+    @property
+    def other_domain_costs(self) -> float:
+        """All of the credit: nodes in another ROS domain do not work together with the lab's."""
+        return 1.0
 
     @property
     def doers(self) -> tuple[_Task, ...]:

@@ -18,7 +18,13 @@ from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of
 from grader.evidence.flakiness import flaky_end
 from grader.evidence.recorded import NumericStream, Recorded
-from grader.evidence.text.printed import PrintedVector, Report, printed_vector, reports
+from grader.evidence.text.printed import (
+    PrintedVector,
+    Report,
+    printed_vector,
+    reports,
+    reports_of,
+)
 from grader.lab.steps.call import CallRecord, CallResult
 from grader.recording.bag import Stream
 from grader.recording.session import Endpoint, ProcessRun, Qos
@@ -132,6 +138,10 @@ class Run:
     def flaky_end(self) -> str:
         """Describe an accident at Ctrl-C that correct programs meet too; empty if there was none."""
         return flaky_end(self._recorded)
+
+    def reports(self, patterns: Sequence[str]) -> list[Report]:
+        """Return the numbers that the first fitting pattern finds in its output until Ctrl-C."""
+        return reports_of(self._recorded, patterns)
 
     def printed_vector(
         self, labels: Sequence[str], unless: str | None = None

@@ -8,13 +8,15 @@ from typing import Any
 
 from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
-from grader.checks.situation import Measurement
+from grader.checks.situation import Measurement, Situation
+from grader.evidence.compiled import unbuilt_program_for
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap as missing_here
 from grader.evidence.recorded import clock_step_s
-from grader.evidence.source_causes import silent_cause
+from grader.evidence.source_causes import OTHER_DOMAIN, silent_cause
+from grader.evidence.text.starter import untouched
 from grader.lab.references import Sought
 from grader.recording.session import Claim, ProcessRun
 from grader.result import Finding, Location, Outcome
@@ -32,12 +34,15 @@ def missing_file(measurement: Measurement) -> Finding | None:
 def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
     """State that an artifact's file is missing, and why one of its name was not extracted.
 
-    None if the file is there.
+    A compiled program that cannot be built here leaves the check to a person. None if the file is there.
     """
     if artifact is None or context.path_of(artifact) is not None:
         return None
     fact = context.submission.artifact(artifact)
     name = fact.expected if fact else artifact
+    unbuilt = unbuilt_program_for(context.submission, name)
+    if unbuilt:
+        return inconclusive(f"a file {name}", "a compiled program", unbuilt, retry=False)
     reason = f"There is no {name} in the submission."
     for note in context.submission.left_out:
         path = PurePosixPath(note.partition(": ")[0])
@@ -71,12 +76,15 @@ def artifact_of(context: Context, p: Any) -> str | None:
 
 
 def explained(measurement: Measurement) -> Finding | None:
-    """Give the crash, the early end or the limit of the program as the reason if nothing came from it."""
+    """Give the crash, the end, the limit or the hang of the program as the reason if nothing came from it."""
     finding = measurement.found
     if not finding.unexplained:
         return None
-    artifact = artifact_of(measurement.context, measurement.p)
-    explanation = why_nothing(measurement.context, artifact) if artifact else None
+    context = measurement.context
+    artifact = artifact_of(context, measurement.p)
+    if artifact is None:
+        return None
+    explanation = _explanation(context, artifact, finding)
     if explanation is None:
         return None
     reason, hint, places = explanation
@@ -85,8 +93,20 @@ def explained(measurement: Measurement) -> Finding | None:
     return replace(finding, reason=reason, hint=hint or finding.hint, where=where)
 
 
-def why_nothing(context: Context, artifact: str) -> Explanation | None:
-    """Explain why an artifact's process did not show the expected behaviour; None if it went on."""
+def _explanation(context: Context, artifact: str, finding: Finding) -> Explanation | None:
+    """Explain a finding by the end of a program, or add why a program that goes on is silent."""
+    ended = why_ended(context, artifact)
+    if ended is not None:
+        return ended
+    silent = why_silent(context, artifact)
+    if silent is None:
+        return None
+    cause, remedy, places = silent
+    return f"{finding.reason} {cause}".strip(), remedy, places
+
+
+def why_ended(context: Context, artifact: str) -> Explanation | None:
+    """Explain the crash, the end or the limit of an artifact's process; None if it went on."""
     output = context.output_of(artifact)
     processes = context.session.processes_of(artifact)
     found = context.diagnosis(artifact)
@@ -98,18 +118,37 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
     if found is not None:
         where = Location(file=found.file, line=found.line) if found.file else output
         return describe_diagnosis(found), found.remedy, (where,)
-    return _ended_already(context, artifact) or _silent(context, artifact)
+    return _ended_already(context, artifact)
 
 
-def _silent(context: Context, artifact: str) -> Explanation | None:
-    """Explain by its source why a program that went on showed nothing; None if the source does not tell."""
+def why_silent(context: Context, artifact: str) -> Explanation | None:
+    """Explain by its stacks or its source why a program that went on showed nothing; None if neither tells."""
+    found = context.hang(artifact) or _source_cause(context, artifact)
+    if found is None:
+        return None
+    return found.problem, found.remedy, (Location(file=found.file, line=found.line),)
+
+
+def _source_cause(context: Context, artifact: str) -> Diagnosis | None:
     path = context.path_of(artifact) or ""
     theirs = set(context.session.nodes) - context.reference_nodes
     text = context.submission.texts.get(path, "")
-    found = silent_cause(path, text, is_in_graph=bool(theirs))
-    if found is None:
-        return None
-    return found.problem, found.remedy, (Location(file=path, line=found.line),)
+    return silent_cause(path, text, is_in_graph=bool(theirs))
+
+
+def in_other_domain(measurement: Situation, artifact: str | None) -> bool:
+    """Tell whether the source of a program that is not in the graph sets another ROS domain.
+
+    Neither a busy machine nor a failed discovery is then the cause.
+    """
+    context = measurement.context
+    if artifact is None or context.recorded is None:
+        return False
+    found = _source_cause(context, artifact)
+    if found is None or found.kind != OTHER_DOMAIN:
+        return False
+    # A value that the program computes may be the session's domain after all.
+    return found.subject.isdecimal()
 
 
 def _ended_already(context: Context, artifact: str) -> Explanation | None:
@@ -120,6 +159,11 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     run = runs[-1]
     if run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
         return None
+    path = context.path_of(artifact) or ""
+    why = untouched(context.submission.texts.get(path, ""), context.submission.given_texts.values())
+    if why:
+        hint = "Add the parts that the handout leaves to you."
+        return f"{path} {why}: it ends without doing anything.", hint, (Location(file=path),)
     after_s = (run.exited_ns - run.started_ns) / 1e9
     if run.exit_status == 0:
         how = f" (exit status 0 after {after_s:.1f} s, no error)"
@@ -210,11 +254,12 @@ def _ends_alike(context: Context, run: ProcessRun, found: Diagnosis) -> bool:
 def unseen_endpoint(measurement: Measurement) -> Finding | None:
     """Leave the check undecided if a running program asked for an endpoint that the graph never showed.
 
-    Either discovery failed, or the program forged its request.
+    Either discovery failed, or the program forged its request. Another ROS domain in the source is cause enough.
     """
-    if not measurement.took_points:
-        return None
     context = measurement.context
+    artifact = artifact_of(context, measurement.p)
+    if not measurement.took_points or in_other_domain(measurement, artifact):
+        return None
     for sought in measurement.p.sought():
         used = context.session.used(sought.name)
         if _is_in_graph(context, sought.kind, used):

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from pydantic import Field
 
 from grader.checks.base import (
@@ -50,6 +51,10 @@ class TopicPublished(OfEndpoint):
     artifact: ref.Artifact
     topic: ref.RosName
     type: ref.MessageType
+    silent_credit: Share = Field(
+        0.0,
+        description="Credit of a publisher in the graph that sends nothing, while its program runs.",
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the publisher."""
@@ -74,7 +79,7 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     # One right type does not make up for a wrong one.
     found_type = _first_other(types, p.type)
     if not count:
-        return _never_sent(context, expected, used, found_type)
+        return _never_sent(context, p, expected, endpoints)
     measured = f"{count} messages of type {found_type} on {used}"
     if _was_cut_short(context, used):
         measured = f"at least {measured}"
@@ -115,11 +120,29 @@ def _first_other(types: Sequence[str], wanted: str) -> str:
     return wanted
 
 
-def _never_sent(context: Context, expected: str, used: str, found_type: str) -> Finding:
-    """State that a publisher exists and sent nothing."""
-    reason = f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
+def _never_sent(
+    context: Context, p: TopicPublished, expected: str, endpoints: Sequence[Endpoint]
+) -> Finding:
+    """State that a publisher exists and sent nothing.
+
+    If its program ran on, the publisher was not in the graph by chance: it earns a part, and other checks can rely on it.
+    """
+    used = context.session.used(p.topic)
+    found_type = _first_other([endpoint.type for endpoint in endpoints], p.type)
+    reason = f"The publisher on {used} exists, but no message from it arrived.{_by_timer(_timers(context))}"
     measured = f"{found_type} on {used}, 0 messages"
-    return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
+    if not _ran_on(context, p.artifact):
+        return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
+    part = Part(p.silent_credit, measured, reason, hint=_NO_TIMER_HINT)
+    costs = _publisher_costs(context, p, endpoints, found_type)
+    silent = of_parts(expected, [part], costs=costs, where=(context.location(p.topic),))
+    return unexplained(replace(silent, is_silent=True))
+
+
+def _ran_on(context: Context, artifact: str) -> bool:
+    """Tell whether the last process of an artifact ran until it was interrupted."""
+    runs = context.session.processes_of(artifact)
+    return bool(runs) and runs[-1].interrupted_ns is not None
 
 
 def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> str:
@@ -183,7 +206,7 @@ class _Timed(Parameters):
         timing = timing_of(session.stream(self.topic), span)
         if span is None:
             return _Measurement(timing, None)
-        run = session.process(self.process)
+        run = self.run(context)
         delay_s = session.machine_delay_s(run, span) if run is not None else 0.0
         recorder_delay_s = session.recorder_delay_s(span)
         delays = _delays_on_the_way(context, run)
@@ -193,6 +216,12 @@ class _Timed(Parameters):
         method = " by times of arrival, as the time stamps are not the times of publication"
         return _Measurement(timing.arrived, span, delay_s + recorder_delay_s, method)
 
+    def run(self, context: Context) -> ProcessRun | None:
+        """Return the process that publishes: by its name, or in another session by its call for the publisher."""
+        run = context.session.process(self.process)
+        claim = claim_of(context, "publisher", self.topic) if run is None else None
+        return context.session.process(claim.process) if claim is not None else run
+
     def calm(
         self, context: Context, measurement: _Measurement, timing: Timing, harmless_s: float
     ) -> Calm | None:
@@ -200,7 +229,7 @@ class _Timed(Parameters):
 
         None too if too few intervals remain, or if the method of measurement cannot tell them apart.
         """
-        run = context.session.process(self.process)
+        run = self.run(context)
         if run is None or run.disturbed is None:
             return None
         if measurement.method or timing.burst_error_hz is not None:
@@ -290,6 +319,9 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     timers = _timers(context)
     rate_hz = rate.likely(timing.rate_hz)
     worst, best = rate.shares(p)
+    change = _change(context, p, measurement, timing)
+    if change is not None and quantise(change.share(p)) <= quantise(worst) < 1:
+        return _changed(context, p, change)
     return graded(
         worst,
         _expected_rate(p),
@@ -344,9 +376,10 @@ def _too_few_messages(context: Context, p: TopicRate, span: Span | None) -> Find
     if span:
         inside = (times_ns >= span.start_ns) & (times_ns <= span.end_ns)
         count = int(inside.sum())
-    reason = f"Only {count} messages arrived, too few to measure a rate."
+    arrived = f"Only {count} messages arrived" if count else "No message arrived"
+    reason = f"{arrived}, too few to measure a rate."
     where = _rate_locations(context, p, span, _timers(context))
-    return failed(_expected_rate(p), f"{count} messages", reason, where=where)
+    return unexplained(failed(_expected_rate(p), f"{count} messages", reason, where=where))
 
 
 @dataclass(frozen=True)
@@ -380,6 +413,93 @@ def _stopped(
     return unexplained(graded(share, _expected_rate(p), measured, reason, hint=hint, where=where))
 
 
+@dataclass(frozen=True)
+class _Change:
+    """A window divided where its rate changes most."""
+
+    before: Timing
+    after: Timing
+    #: The second part of the window.
+    span: Span
+    #: Length of the first part, in s.
+    before_s: float
+    #: Highest rate in the second part without the delays of the machine, in Hz.
+    most_hz: float
+
+    def share(self, p: TopicRate) -> float:
+        """Return the best share of credit that the second part can earn, by its rate or by its usual interval.
+
+        A single gap leaves the usual interval as it is, and the rate of the whole window tells of it.
+        """
+        rates_hz = (self.after.rate_hz, self.most_hz, 1 / max(self.after.median_s, 1e-9))
+        nearest_off = min(abs(rate_hz / p.rate_hz - 1) for rate_hz in rates_hz)
+        return ramp(nearest_off, p.full_within, p.zero_beyond)
+
+
+#: Shortest part of a window with a rate of its own, in s.
+_LASTING_S = 1.0
+
+
+def _change(
+    context: Context, p: TopicRate, measurement: _Measurement, timing: Timing
+) -> _Change | None:
+    """Divide a window where the count of messages departs most from an even one.
+
+    None without two lasting parts of different usual intervals.
+    """
+    span = measurement.span
+    is_even = not measurement.method and timing.burst_error_hz is None
+    if span is None or not is_even or not len(timing.times_ns):
+        return None
+    turn_ns = _turn_ns(timing)
+    first = Span(span.start_ns, turn_ns)
+    second = Span(turn_ns, span.end_ns)
+    if min(first.duration_s, second.duration_s) < _LASTING_S:
+        return None
+    stream = context.session.stream(p.topic)
+    before = timing_of(stream, first)
+    after = timing_of(stream, second)
+    if before is None or after is None:
+        return None
+    differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > p.full_within
+    if not differs:
+        return None
+    most_hz = _most_hz(context, p, after, second)
+    return _Change(before, after, second, first.duration_s, most_hz)
+
+
+def _most_hz(context: Context, p: TopicRate, timing: Timing, span: Span) -> float:
+    """Return the highest rate that a part of a window may have had on an idle machine, in Hz."""
+    run = p.run(context)
+    delay_s = context.session.machine_delay_s(run, span) if run is not None else 0.0
+    late_s = _delay_before_s(context, run, span)
+    _, most_hz = _bounds_hz(timing, span.duration_s, delay_s, late_s, p.rate_hz)
+    return most_hz
+
+
+def _turn_ns(timing: Timing) -> int:
+    """Return the time at which the count of messages departs most from an even one."""
+    times = timing.times_ns - timing.times_ns[0]
+    numbers = timing.numbers - timing.numbers[0]
+    departures = np.abs(numbers / max(1, numbers[-1]) - times / max(1, times[-1]))
+    return int(timing.times_ns[int(np.argmax(departures))])
+
+
+def _changed(context: Context, p: TopicRate, change: _Change) -> Finding:
+    """Grade the rate with which a node goes on after a change."""
+    before_hz = f"{change.before.rate_hz:.1f} Hz for {change.before_s:.1f} s"
+    after_hz = f"{change.after.rate_hz:.1f} Hz"
+    return graded(
+        change.share(p),
+        _expected_rate(p),
+        f"{before_hz}, then {after_hz} for {change.span.duration_s:.1f} s",
+        f"The rate changes: messages come at {before_hz}, then at {after_hz}.",
+        hint="Publish at the same rate for as long as the node runs.",
+        where=(context.location(p.topic, change.span),),
+        levels=CREDIT_LEVELS,
+    )
+
+
 def _compared(rate_hz: float, p: TopicRate) -> str:
     """Say how much a rate differs from the wanted one."""
     times = rate_hz / p.rate_hz
@@ -397,7 +517,7 @@ def _rate_between(
 ) -> _Rate:
     """Return the bounds of the rate, narrowed by undisturbed intervals if there are enough."""
     length_s = _length_s(timing, measurement.span)
-    run = context.session.process(p.process)
+    run = p.run(context)
     before_s = _delay_before_s(context, run, measurement.span)
     bounds_hz = _bounds_hz(timing, length_s, measurement.delay_s, before_s, p.rate_hz)
     ends_error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
@@ -529,7 +649,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     where = (context.location(p.topic, span),)
     if timing is None or not len(timing.intervals_s):
         reason = "Too few messages arrived to measure the gaps between them."
-        return failed(expected, "too few messages", reason, where=where)
+        return unexplained(failed(expected, "too few messages", reason, where=where))
     jitter = _jitter_between(context, p, measurement, timing)
     deviation_s = min(max(timing.deviation_s(p.share), jitter.least_s), jitter.largest_s)
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)

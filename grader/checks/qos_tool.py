@@ -23,7 +23,7 @@ from grader.checks.base import (
 from grader.checks.endpoints import claim_of, clash, student_endpoints
 from grader.evidence.cpu_delay import Span, clipped
 from grader.evidence.recorded import Floats, clock_step_s
-from grader.evidence.source_causes import late_lambda
+from grader.evidence.source_causes import idle_callback, late_lambda
 from grader.evidence.text.result_rows import (
     LINE_LIMIT,
     ResultRow,
@@ -150,7 +150,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     where = (context.output_of(p.artifact),)
     finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.doubt)
     finding = _explained_by_lambda(context, p, finding, printed)
-    return replace(finding, unmeasured=_unmeasured(context, rows, claims, finding))
+    return replace(finding, unmeasured=_unmeasured(context, p, rows, claims, finding))
 
 
 def _explained_by_lambda(
@@ -258,7 +258,7 @@ def _worst_lateness(
 
 
 def _unmeasured(
-    context: Context, rows: Sequence[Row], claims: _Claims, finding: Finding
+    context: Context, p: ReportedTraffic, rows: Sequence[Row], claims: _Claims, finding: Finding
 ) -> str | None:
     """Say which counts cannot come from received messages; None if all can."""
     counted = []
@@ -274,6 +274,10 @@ def _unmeasured(
         return f"It counts messages on {', '.join(unheard)}, to which nothing of the submission subscribes."
     if len(counted) == len(rows) > 1 and finding.outcome is Outcome.FAILED:
         return f"None of the {len(rows)} counts that it prints is that of the messages in the recording."
+    path = context.path_of(p.artifact) or ""
+    line = idle_callback(context.submission.texts.get(path, ""))
+    if counted and line is not None:
+        return f"It counts messages, but no callback of its subscriptions ({path}, line {line}) keeps anything of one."
     return None
 
 

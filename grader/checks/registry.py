@@ -23,6 +23,7 @@ from grader.checks import (
     lifecycle,
     motion,
     oracle_values,
+    package,
     parameters,
     person,
     properties,
@@ -101,6 +102,8 @@ _CHECKS = (
     Check(launch.launch_nodes, by_endpoints=True),
     Check(launch.launch_parameters, by_endpoints=True),
     Check(launch.launch_together, by_clock=True),
+    # A package.
+    Check(package.package_builds),
     # A tool that compares QoS profiles.
     Check(qos_tool.reported_traffic, by_clock=True),
     # Contents of messages, and their changes over time.

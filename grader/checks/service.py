@@ -237,11 +237,12 @@ def _steps_before(context: Context, step: StepRun | None) -> Sequence[StepRun]:
 
 
 THEN_THESE = "Fix that, and these points can be earned too."
-_STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
+_STUCK = "The node does not answer parameter requests either."
 _UNANSWERED_HINT = "End the service callback with `return response`, and do not wait in it."
+_GUESS = "it does not spin, or a callback never returns."
 _STUCK_HINT = (
-    "rclpy.spin(node) must be reached; and a callback that waits for an answer, as client.call() does, keeps the node "
-    "from getting it: use call_async()."
+    "rclpy.spin(node) must be reached, and each callback must return. A callback that waits for an answer, as "
+    "client.call() does, keeps the node from getting it: use call_async()."
 )
 
 
@@ -256,9 +257,17 @@ def silence(context: Context, step: StepRun | None, expected: str, problem: str)
         hint = _UNANSWERED_HINT
         if _ignores_parameter_requests(context):
             reason = f"{problem} {_STUCK}"
+            if not _hangs(context):
+                reason = f"{reason[:-1]}: {_GUESS}"
             hint = _STUCK_HINT
     where = (call_location(context, step),)
     return unexplained(failed(expected, "no answer", reason, hint=hint, where=where))
+
+
+def _hangs(context: Context) -> bool:
+    """Tell whether the stacks of a program show where it hangs, which the finding then says."""
+    artifacts = {run.artifact for run in context.session.students if run.artifact}
+    return any(context.hang(artifact) for artifact in artifacts)
 
 
 def _ignores_parameter_requests(context: Context) -> bool:

@@ -15,6 +15,7 @@ from enum import StrEnum
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, mistakes_of
+from grader.evidence.environment_gap import for_teachers
 from grader.lab.kept_lab import identity_of
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
@@ -378,7 +379,7 @@ def _violated(row: int, violations: Sequence[Violation], points: Decimal) -> Tod
 
 def _undecided(row: int, checks: Sequence[CheckResult], points: Decimal) -> Todo:
     titles = tuple(check.title for check in checks)
-    reasons = _once(check.reason for check in checks if check.reason)
+    reasons = _once(for_teachers(check.reason) for check in checks if check.reason)
     return Todo(row, Need.UNDECIDED, points, titles, reasons, checks[0].id)
 
 

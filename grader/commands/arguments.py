@@ -136,6 +136,23 @@ def interpreter_of(chosen: Path | None) -> Path:
     return chosen.absolute()
 
 
+#: Word for an environment with the lab's requirements, in place of an interpreter.
+_OF_LAB = Path("lab")
+
+
+def interpreter_for(chosen: Path | None, rubric: Path | None) -> Path:
+    """Return the interpreter for students' code; `lab` stands for an environment with the lab's requirements.
+
+    Raises PlatformError if the interpreter is missing or the environment cannot be made.
+    """
+    if chosen != _OF_LAB:
+        return interpreter_of(chosen)
+    from grader.judging import rubrics
+    from grader.live.sandbox.students_python import students_python
+
+    return students_python(rubrics.read_rubric(rubric).lab.requirements)
+
+
 def points(text: str) -> Decimal:
     """Return the number of points in an argument, e.g. `2.5`."""
     with suppress(InvalidOperation):

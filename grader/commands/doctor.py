@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_of, parser_of
+from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_for, parser_of
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
@@ -26,8 +26,19 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.doctor.status import Verdict, status_of_limits
 
     words = "Examine this machine: can it grade, how well does it confine students' code, how busy is it?"
-    parser = parser_of("grade doctor", words, "The exit status is 1 if this machine cannot grade.")
-    add_path(parser, "--python", "interpreter for students' code")
+    parser = parser_of(
+        "grade doctor",
+        words,
+        "The exit status is 1 if this machine cannot grade, or students' nodes cannot run with the installation of --ros.",
+    )
+    add_path(parser, "--python", "interpreter for students' code, or `lab`, see `grade --help`")
+    add_path(
+        parser,
+        "--ros",
+        "also examine an installation of ROS 2, such as /opt/ros/jazzy: can students' nodes run with it? "
+        "(`grade` does not use it.)",
+        "PREFIX",
+    )
     add_flag(
         parser,
         "--calibrate",
@@ -35,7 +46,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     )
     add_lab(parser, "for --calibrate; default: the lab shipped with grade")
     options = parser.parse_args(arguments)
-    interpreter = interpreter_of(options.python)
+    interpreter = interpreter_for(options.python, options.rubric)
     limits = status_of_limits()
     _print(limits, console)
     if limits.verdict is Verdict.FAIL:  # A limit on memory prevents the imports below.
@@ -49,9 +60,12 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 def _statuses(interpreter: Path, options: argparse.Namespace) -> Iterator[Status]:
     from grader.doctor.examination import calibrate, examine
+    from grader.doctor.ros_prefix import examine_ros
     from grader.judging import rubrics
 
     yield from examine(interpreter)
+    if options.ros is not None:
+        yield from examine_ros(options.ros.absolute())
     if options.calibrate:
         yield from calibrate(interpreter, rubrics.read_rubric(options.rubric))
 

@@ -27,6 +27,7 @@ from grader.commands.arguments import (
     add_lab,
     add_path,
     each,
+    interpreter_for,
     interpreter_of,
     least_isolation,
     parser_of,
@@ -98,7 +99,12 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         metavar="A,B",
         help="sessions of the rubric to run (default: all)",
     )
-    add_path(parser, "--python", "interpreter for students' code (default: grade's own)")
+    add_path(
+        parser,
+        "--python",
+        "interpreter for students' code, or `lab`: an environment with the libraries of ROS 2 Jazzy and of the lab alone, "
+        "made when it is first needed (default: grade's own)",
+    )
     parser.add_argument("--seed", type=int, help="seed of the random stimuli (default: a new one)")
     add_jobs(parser, "number of sessions side by side (default: depends on the number of cores)")
     parser.add_argument(
@@ -166,8 +172,9 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     from grader.live.sandbox.environment import require_platform
     from grader.live.session.scheduler import LocalScheduler
 
-    require_platform(interpreter := interpreter_of(options.python))
-    with LocalScheduler(interpreter, options.jobs) as options.local:
+    options.python = interpreter_for(options.python, options.rubric)
+    require_platform(options.python)
+    with LocalScheduler(options.python, options.jobs) as options.local:
         return _run(parser, options, console)
 
 

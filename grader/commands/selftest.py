@@ -97,7 +97,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     )
     if undecided := marks.count("?"):
         console.print(
-            f"{undecided} undecided: the machine was too busy to tell. Name them to grade these alone."
+            f"{undecided} undecided: their reports say why. If the machine was busy, name them to grade these alone."
         )
     return 0 if set(marks) <= {"✓"} else BELOW
 

@@ -25,9 +25,12 @@ from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.lab.steps.wait_for import WaitForResult
+from grader.live.builds.build import can_build
+from grader.live.builds.colcon import lacking_builder
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.probing import probe_isolation
+from grader.live.sandbox.students_python import has_libraries_of_jazzy
 from grader.live.session.scheduler import sessions_at_a_time
 from grader.result import Outcome
 from grader.submission.artifacts import read_submission_folder
@@ -73,7 +76,9 @@ def examine(interpreter: Path) -> Iterator[Status]:
     yield _noise()
     yield _space()
     yield _toolchain()
+    yield _builder(isolation)
     if platform_status.verdict is Verdict.PASS:
+        yield _libraries(interpreter)
         yield from _traffic(interpreter)
 
 
@@ -89,6 +94,26 @@ def _platform(interpreter: Path) -> Status:
         return Status(Verdict.FAIL, "platform", f"{found}; no node can be run: {problem}", remedy)
     wheels = (f"{name} {version(name)}" for name in ("ros-jazzy-rclpy", "ros-fastrtps"))
     return Status(Verdict.PASS, "platform", ", ".join((found, *wheels)))
+
+
+#: Versions of the libraries that students' programs import.
+_LIBRARIES = "import numpy, scipy; print(f'NumPy {numpy.__version__}, SciPy {scipy.__version__}')"
+
+
+def _libraries(interpreter: Path) -> Status:
+    """State the libraries of students' programs, and the way to the libraries of their own machines."""
+    subject = "students' libraries"
+    try:
+        found = ask_interpreter(interpreter, _LIBRARIES).strip()
+    except ValueError as problem:
+        return Status(Verdict.PASS, subject, str(problem), "")
+    if found.startswith("NumPy 1."):
+        return Status(Verdict.PASS, subject, found)
+    if has_libraries_of_jazzy():
+        remedy = "ROS 2 Jazzy has NumPy 1.26: `--python lab` makes an environment with that."
+    else:
+        remedy = "ROS 2 Jazzy has NumPy 1.26, which needs a grader on Python 3.12 or older."
+    return Status(Verdict.PASS, subject, found, remedy)
 
 
 def _confinement(isolation: Isolation) -> Iterator[Status]:
@@ -180,6 +205,22 @@ def _toolchain() -> Status:
         else "a compiler and rosidl are here, for labs and students with .msg files"
     )
     return _status(not lacks, "interfaces of one's own", found, remedy)
+
+
+def _builder(isolation: Isolation) -> Status:
+    """Examine whether the packages of students can be built."""
+    if can_build(isolation):
+        found = "colcon and a sandbox are here, for packages of students"
+        return Status(Verdict.PASS, "packages", found)
+    lacks = lacking_builder()
+    if lacks:
+        found = f"not here: {lacks}"
+        remedy = "pip install colcon-core colcon-ros 'setuptools<80'"
+    else:
+        found = "the sandbox here has no namespaces, in which colcon would be confined"
+        remedy = "Install bubblewrap, and run as root or with user namespaces"
+    remedy += "; until then, setup.py and CMakeLists.txt are read without being run."
+    return Status(Verdict.WARNING, "packages", found, remedy)
 
 
 def _traffic(interpreter: Path) -> Iterator[Status]:

@@ -19,6 +19,8 @@ from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
 _WHO_DECIDES = "Your instructor will run it by hand."
+_NEEDS = "It needs {module}, which the grading computer lacks."
+_NEEDED = re.compile(re.escape(_NEEDS).replace(r"\{module\}", r"([\w.]+)"))
 #: Names of NumPy 1.26 that NumPy 2 removed, by its migration guide.
 _ONLY_IN_NUMPY_1 = frozenset([
     "NaN", "Inf", "Infinity", "infty", "PINF", "NINF", "PZERO", "NZERO", "float_", "complex_", "string_",
@@ -145,7 +147,7 @@ def absent_module(
     if submission.absent_modules is not None and name not in submission.absent_modules:
         return None
     if name in known_packages():
-        return f"It needs {module}, which the grading computer lacks. {_WHO_DECIDES}"
+        return f"{_NEEDS.format(module=module)} {_WHO_DECIDES}"
     not_built = submission.not_built
     if not_built is None:
         not_built = dict.fromkeys(interface_packages(submission), "")
@@ -156,6 +158,25 @@ def absent_module(
         why = f": {not_built[name]}"
     return (
         f"It needs the interfaces of the package {name}, which were not built{why}. {_WHO_DECIDES}"
+    )
+
+
+def for_teachers(reason: str) -> str:
+    """Return a reason of an undecided check in words for a teacher.
+
+    Example
+    -------
+    `It needs tabulate, which the grading computer lacks. ...` gets the commands that install it and grade again.
+    """
+    needed = _NEEDED.search(reason)
+    text = reason.removeprefix("Not your fault: ").replace(f" {_WHO_DECIDES}", "")
+    text = f"{text[:1].upper()}{text[1:]}"
+    if needed is None:
+        return text
+    name = needed[1].split(".")[0]
+    return (
+        f"{text} Install it for students' programs (`pip install` with the name of the package of {name}, in the "
+        "environment of `--python`, by default the grader's own), and grade this submission again; or run it by hand."
     )
 
 

@@ -16,7 +16,7 @@ from grader.lab.steps.send_goal import SendGoalResult, SendGoalStep
 from grader.lab.steps.set_parameters import SetParametersStep
 from grader.lab.steps.start import StartResult, StartStep
 from grader.lab.steps.wait_for import WaitForStep
-from grader.recording.session import ProcessRun, StepRun
+from grader.recording.session import Claim, ProcessRun, StepRun
 
 _KILLED = (-9, 137)
 #: Complaints of programs that may have no more threads or processes. The kernel counts those of a user, and another
@@ -97,11 +97,11 @@ class _Waits:
     #: Names that did not come in a calm time either.
     missing: set[str] = field(default_factory=set)
 
-    def found(self) -> str | None:
-        """Return the length of the delay for a name that could have come without it."""
+    def found(self) -> tuple[str, str] | None:
+        """Return a name that could have come without a delay, and the length of the delay."""
         for wanted, how_long in self.late.items():
             if wanted not in self.missing:
-                return how_long
+                return wanted, how_long
         return None
 
 
@@ -122,6 +122,8 @@ def _stalled(recorded: Recorded) -> str | None:
         if step.outcome != "timeout" or span.duration_s < _LEAST_STALL_S:
             continue
         wanted = recorded.used(_wanted(step))
+        if not _could_come(recorded, step, wanted):
+            continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
         enough_s = span.duration_s - _ENOUGH_S
         if delay_s <= max(_LEAST_STALL_S, _STALLED * span.duration_s, enough_s):
@@ -132,10 +134,35 @@ def _stalled(recorded: Recorded) -> str | None:
         elif not recorded.students_busy(span):
             shown_s = min(delay_s, span.duration_s)
             waits.late[wanted] = f"for {shown_s:.1f} s of {span.duration_s:.1f} s"
-    how_long = waits.found()
-    if how_long is None:
+    found = waits.found()
+    if found is None:
         return None
-    return f"Something did not appear in time while the grading computer was busy {how_long}."
+    wanted, how_long = found
+    missing = f"{wanted} did not appear" if wanted else "An answer did not come"
+    return f"{missing} in time while the grading computer was busy {how_long}."
+
+
+def _could_come(recorded: Recorded, step: StepRun, wanted: str) -> bool:
+    """Return whether a program that may bring a name ran until the end of the wait for the name.
+
+    A program that ended by itself brings nothing any more. The claims show which program asked for the name, if one did.
+    """
+    going_on = set()
+    for run in recorded.students:
+        ended = run.ended_by == "itself" and run.interrupted_ns is None
+        is_over = ended and run.exited_ns is not None and run.exited_ns < step.ended_ns
+        if not is_over:
+            going_on.add(run.name)
+    asked = {claim.process for claim in recorded.record.claims if _is_of(claim, wanted)}
+    if not recorded.students:
+        return True
+    return bool(going_on & asked) if asked else bool(going_on)
+
+
+def _is_of(claim: Claim, wanted: str) -> bool:
+    """Return whether a claim is about a name, in any namespace; of no claim for an empty name."""
+    name = wanted.rsplit("/", 1)[-1]
+    return bool(name) and name in (claim.name.rsplit("/", 1)[-1], claim.node.rsplit("/", 1)[-1])
 
 
 def _was_refused_tasks(run: ProcessRun) -> bool:

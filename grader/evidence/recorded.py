@@ -150,14 +150,28 @@ class Recorded:
         return None
 
     def window(self, label: str) -> Span | None:
-        """Return the span of an `observe` step, if its window opened."""
+        """Return the span of an `observe` step, if its window opened; it holds the message that opened it."""
         step = self.step(label)
         if step is None:
             return None
         window = ObserveResult.of(step)
         if window.opened_ns is None or window.closed_ns is None:
             return None
-        return Span(window.opened_ns, window.closed_ns)
+        return Span(self._begin_ns(step, window.opened_ns), window.closed_ns)
+
+    def _begin_ns(self, step: StepRun, opened_ns: int) -> int:
+        """Return when a window began: with the publication of the message for which its step waited, if it did wait."""
+        topic = step.parameters.get("first_message_on")
+        if topic is None:
+            return opened_ns
+        stream = self.bag.stream(self.used(topic))
+        if not len(stream):
+            return opened_ns
+        first = int(np.argmin(stream.received_ns))
+        if not step.started_ns <= stream.received_ns[first] <= opened_ns:
+            return opened_ns
+        sent_ns = int(stream.source_ns[first])
+        return min(max(sent_ns, self.record.started_ns), opened_ns)
 
     # -- traffic ------------------------------------------------------------------------------
 

@@ -6,17 +6,17 @@ The source explains a finding in words; it never decides one.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.session_variables import DOMAIN, LEAVE_DOMAIN, set_in
 from grader.evidence.text.syntax import normalise, tree_of
 
-_DOMAIN = "ROS_DOMAIN_ID"
-#: Arguments that name a domain.
-_KEYWORDS = ("domain_id", _DOMAIN)
-#: Longest text of a value that is quoted.
-_QUOTED = 40
+#: Kind of the cause of a program that speaks in another ROS domain.
+OTHER_DOMAIN = "other-domain"
+#: The domain of programs without a choice.
+_USUAL = "0"
 
 
 def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis | None:
@@ -32,13 +32,13 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
     tree = tree_of(normalise(text))
     if tree is None:
         return None
-    domains = [] if is_in_graph else list(_domains(tree))
+    domains = [] if is_in_graph else list(set_in(tree, DOMAIN))
     for line, value in domains:
+        if value == _USUAL:
+            continue
         problem = f"The program speaks in ROS domain {value}, and the nodes of this session in another one."
-        remedy = (
-            f"Leave the domain to the terminal: take {_DOMAIN} or domain_id out of the program."
-        )
-        return Diagnosis("other-domain", problem, remedy, path, line, subject=value)
+        remedy = LEAVE_DOMAIN
+        return Diagnosis(OTHER_DOMAIN, problem, remedy, path, line, subject=value)
     sleep = _sleep_without_spin(tree)
     if sleep is None:
         return None
@@ -49,28 +49,6 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
         "Do the work in a timer and call rclpy.spin(node), or spin in a thread beside the loop."
     )
     return Diagnosis("rate-without-spin", problem, remedy, path, sleep)
-
-
-def _domains(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield the line and the value of each ROS domain that a program sets."""
-    for node in ast.walk(tree):
-        for value in _values(node):
-            yield value.lineno, ast.unparse(value).strip("'\"")[:_QUOTED]
-
-
-def _values(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the ROS domains that a statement or a call sets; None is the default."""
-    match node:
-        case ast.Assign(targets=[ast.Subscript(slice=ast.Constant(value=name))], value=value):
-            if name == _DOMAIN:
-                yield value
-        case ast.Call(func=ast.Attribute(attr="setdefault" | "putenv"), args=[name, value]):
-            if ast.unparse(name) == repr(_DOMAIN):
-                yield value
-        case ast.Call(keywords=keywords):
-            for keyword in keywords:
-                if keyword.arg in _KEYWORDS and ast.unparse(keyword.value) != "None":
-                    yield keyword.value
 
 
 def _sleep_without_spin(tree: ast.Module) -> int | None:
@@ -92,16 +70,87 @@ def _sleep_without_spin(tree: ast.Module) -> int | None:
     return min(sleeps, default=None) if has_rate else None
 
 
-def corrected(found: Diagnosis, text: str) -> Diagnosis:
-    """Return the cause of a crash, by the source of its file: an attribute of rclpy's Node may have been overwritten."""
-    if found.kind != "parameter-not-declared":
-        return found
+def corrected(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
+    """Return the cause of a crash by the source, where the traceback names another line or cause.
+
+    An attribute of rclpy's Node may have been overwritten. A callback without `return` fails in rclpy, after its end.
+    """
+    if found.kind == "parameter-not-declared":
+        return _by_overwritten(found, texts.get(found.file or "", ""))
+    if found.kind == "no-response":
+        return _by_callback(found, texts)
+    return found
+
+
+def _by_overwritten(found: Diagnosis, text: str) -> Diagnosis:
     line = _overwrites(text, "_parameters")
     if line is None:
         return found
     problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters, so that none is declared."
     remedy = "Give the attribute another name, for instance self._my_parameters."
     return replace(found, kind="overwritten-attribute", problem=problem, remedy=remedy, line=line)
+
+
+def _by_callback(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
+    """Return the end of the first service callback that can end without a response; the node's own file comes first."""
+    own = found.file or ""
+    for path in (own, *sorted(set(texts) - {own})):
+        callback = _without_response(texts.get(path, ""))
+        if callback is not None:
+            name, line = callback
+            problem = f"{name}() ends here without `return response`."
+            return replace(found, problem=problem, file=path, line=line, subject=name)
+    return found
+
+
+def _without_response(text: str) -> tuple[str, int] | None:
+    """Return the first service callback that can end without a value, and its last line; None without one."""
+    tree = tree_of(normalise(text)) if "create_service" in text else None
+    if tree is None:
+        return None
+    callbacks: set[str] = set()
+    for node in ast.walk(tree):
+        callbacks |= _service_callbacks(node)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.name in callbacks and not _gives(node.body):
+            return node.name, node.body[-1].end_lineno or node.lineno
+    return None
+
+
+def _service_callbacks(node: ast.AST) -> set[str]:
+    """Return the name of the function that a call of `create_service` gets; empty for another node."""
+    if not isinstance(node, ast.Call) or not ast.unparse(node.func).endswith("create_service"):
+        return set()
+    given = list(node.args[2:3])
+    for keyword in node.keywords:
+        if keyword.arg == "callback":
+            given.append(keyword.value)
+    return {ast.unparse(each).rpartition(".")[2] for each in given}
+
+
+def _gives(body: Sequence[ast.stmt]) -> bool:
+    """Return whether statements end by returning a value or by raising, on each way through them."""
+    last = body[-1] if body else None
+    if isinstance(last, ast.Return):
+        return last.value is not None
+    if isinstance(last, (ast.Raise, ast.While)):
+        return True
+    ways = _ways(last)
+    return bool(ways) and all(map(_gives, ways))
+
+
+def _ways(statement: ast.stmt | None) -> Sequence[Sequence[ast.stmt]]:
+    """Return the blocks of a statement of which one is executed last."""
+    match statement:
+        case ast.If(body=first, orelse=other):
+            return [first, other]
+        case ast.With(body=inner):
+            return [inner]
+        case ast.Try(body=first, handlers=handlers, orelse=other):
+            return [other or first, *(handler.body for handler in handlers)]
+        case ast.Match(cases=cases):
+            return [each.body for each in cases]
+    return []
 
 
 def _overwrites(text: str, attribute: str) -> int | None:
@@ -123,6 +172,64 @@ def _targets(node: ast.AST) -> Sequence[ast.expr]:
     if isinstance(node, ast.AnnAssign):
         return [node.target]
     return []
+
+
+def idle_callback(text: str) -> int | None:
+    """Return the line of the first subscription if no subscription's callback keeps anything of a message; else None.
+
+    A callback keeps nothing if it only passes, returns nothing, prints or logs: `create_subscription(T, "/a", lambda m:
+    None, 10)`. None too if the source does not show a callback.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    functions: dict[str, list[ast.stmt]] = {}
+    lines = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            functions[node.name] = node.body
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call) or not _is_named(node.func, "create_subscription"):
+            continue
+        if not _keeps_nothing(_callback_of(node), functions):
+            return None
+        lines.append(node.lineno)
+    return min(lines, default=None)
+
+
+def _is_named(function: ast.expr, name: str) -> bool:
+    return ast.unparse(function).rpartition(".")[2] == name
+
+
+def _callback_of(call: ast.Call) -> ast.expr | None:
+    """Return the third argument of a subscription, or the one by its name."""
+    for keyword in call.keywords:
+        if keyword.arg == "callback":
+            return keyword.value
+    return call.args[2] if len(call.args) > 2 else None
+
+
+def _keeps_nothing(callback: ast.expr | None, functions: Mapping[str, Sequence[ast.stmt]]) -> bool:
+    """Tell whether a callback that the source shows has no lasting effect."""
+    if isinstance(callback, ast.Lambda):
+        return _is_idle(ast.Expr(callback.body))
+    if not isinstance(callback, ast.Name | ast.Attribute):
+        return False
+    body = functions.get(ast.unparse(callback).rpartition(".")[2])
+    return body is not None and all(map(_is_idle, body))
+
+
+def _is_idle(statement: ast.stmt) -> bool:
+    """Tell whether a statement does nothing, or only prints or logs."""
+    match statement:
+        case ast.Pass() | ast.Return(value=None) | ast.Expr(ast.Constant()):
+            return True
+        case ast.Return(ast.Constant()):
+            return True
+        case ast.Expr(ast.Call(func=function)):
+            written = ast.unparse(function)
+            return written == "print" or "get_logger()." in written
+    return False
 
 
 def late_lambda(text: str) -> tuple[int, str] | None:

@@ -15,6 +15,7 @@ from grader.errors import RecordingError
 from grader.evidence.integrity import tampering_in
 from grader.evidence.recorded import Recorded
 from grader.judging.causes import are_contested, charges_of, with_charges
+from grader.judging.elsewhere import evidence_elsewhere, with_origin
 from grader.judging.invalidated import with_checks
 from grader.judging.names import names_not_awaited
 from grader.judging.provenance import provenance_of
@@ -145,17 +146,23 @@ def _judge_once(
     """Judge all checks of the chosen sessions, given the check charged for each mistake: cause -> id."""
     findings: dict[str, Finding] = {}
     context = _context(recordings, rubric, findings)
+    untouched = _without_tampering(context, violations)
+    specs = {spec.id: spec for spec in rubric.checks()}
     judged = []
     for spec in _checks_to_judge(recordings, rubric, context):
+        gate, other = evidence_elsewhere(spec, specs, untouched)
         case = Case(
             spec=spec,
             rubric=rubric,
-            context=replace(context, recorded=recordings.of(spec)),
+            context=replace(context, recorded=other or recordings.of(spec)),
             violation=_violation_of(spec, violations),
             is_too_large=spec.session in recordings.too_much,
+            shown_elsewhere=gate,
         )
         charged = with_charges(case, charges)
         finding = decide(charged)
+        if other is not None:
+            finding = with_origin(finding, spec.session, other)
         findings[spec.id] = finding
         decided = replace(case, finding=finding)
         judged.append(decided)
@@ -172,6 +179,13 @@ def _context(recordings: Recordings, rubric: Rubric, findings: Mapping[str, Find
     titles = {spec.id: spec.title for spec in rubric.checks()}
     submission = recordings.submission
     return Context(submission, None, sound, findings, references, rubric.folder, titles=titles)
+
+
+def _without_tampering(context: Context, violations: Sequence[Violation]) -> Context:
+    """Return the context of all checks with the recordings that show no tampering."""
+    touched = {violation.session for violation in violations}
+    kept = {name: each for name, each in context.sessions.items() if name not in touched}
+    return replace(context, sessions=kept)
 
 
 def _violation_of(spec: CheckSpec, violations: Sequence[Violation]) -> Violation | None:

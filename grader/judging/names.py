@@ -20,6 +20,7 @@ def names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
     references = [reference.node for reference in rubric.reference.values()]
     taken = {each.name for each in sought}
     taken.update(recorded.awaited, recorded.record.names.values())
+    missing = _missing(recorded, rubric)
     found: dict[str, str] = {}
     for each in sorted(sought):
         candidates = set()
@@ -29,7 +30,7 @@ def names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
         if recorded.used(each.name) in names:
             continue
         free = [candidate for candidate in candidates if candidate.name not in taken]
-        guess = near_miss(each.name, each.type, free)
+        guess = near_miss(each.name, each.type, free, missing)
         if guess is not None:
             found[each.name] = guess.name
             taken.add(guess.name)
@@ -43,6 +44,19 @@ def _sought(recorded: Recorded, rubric: Rubric) -> set[Sought]:
         if spec.session == recorded.record.session:
             found.update(each for each in spec.given.sought() if each.type is not None)
     return found
+
+
+def _missing(recorded: Recorded, rubric: Rubric) -> set[str]:
+    """Return the names in the checks of a lab that nothing in the graph of a session has, nor a misspelt one."""
+    named: set[str] = set()
+    for spec in rubric.checks():
+        named.update(spec.given.references().names)
+        named.update(each.name for each in spec.given.sought())
+    there = {*recorded.nodes, *recorded.record.names}
+    there.update(endpoint.topic for endpoint in recorded.endpoints)
+    for graph in recorded.record.graph:
+        there.update(server.name for server in (*graph.services, *graph.actions))
+    return named - there
 
 
 def _waited(recorded: Recorded) -> set[tuple[str, object]]:

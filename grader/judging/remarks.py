@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from grader.evidence.build_faults import build_fault, placement_fault
+from grader.evidence.compiled import why_not_built
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.gaps import limits_hit
 from grader.evidence.recorded import Recorded
+from grader.evidence.session_variables import Asked, asked_in, planned
+from grader.lab.steps.start import StartResult, StartStep
 from grader.recording.session import NEWER_IDIOM, Claim
 from grader.recording.submission import SubmissionRecord
 from grader.result import FOR_A_PERSON, ChosenFile, CriterionResult
+from launch_plan.plan import Process
 
 
 def chosen_files(submission: SubmissionRecord) -> tuple[ChosenFile, ...]:
@@ -27,11 +32,36 @@ def advisories_of(
     sessions: Iterable[Recorded], submission: SubmissionRecord, criteria: Iterable[CriterionResult]
 ) -> tuple[str, ...]:
     """Return each remark once: from the programs' output, the files, the packages, and the checks' notes."""
-    found = [*_of_programs(sessions), *_of_files(submission)]
+    recordings = list(sessions)
+    found = [*_of_programs(recordings), *_of_files(submission)]
+    for recorded in recordings:
+        found += map(_of_variable, asked_in(recorded, submission))
+        found += _of_prefixes(recorded)
+    reasons = []
     for criterion in criteria:
         for check in criterion.checks:
             found += check.notes
+            reasons.append(check.reason)
+    said = "\n".join(reasons)
+    for remark, fault in _of_builds(submission):
+        if fault not in said:
+            found.append(remark)
     return tuple(dict.fromkeys(found))
+
+
+def _of_builds(submission: SubmissionRecord) -> Iterator[tuple[str, str]]:
+    """Yield a remark about each package that `ros2 run` cannot use as handed in, and its fault alone."""
+    for package in submission.packages:
+        build = submission.build_of(package)
+        if build is None:
+            continue
+        if why_not_built(build):
+            continue
+        fault = build_fault(package, build, submission.texts)
+        if fault is None:
+            fault = placement_fault(package, build)
+        if fault is not None:
+            yield f"{fault.message} {fault.remedy}", fault.message
 
 
 def _of_programs(sessions: Iterable[Recorded]) -> Iterator[str]:
@@ -58,6 +88,36 @@ def _said_in(recorded: Recorded) -> Iterator[tuple[str, str]]:
         hit = hit_limit(replace(process, limit=limits.get(process.name)))
         if hit is not None:
             yield " ".join(hit), artifact
+
+
+def _of_variable(asked: Asked) -> str:
+    """Tell of a variable of the session, with another value in the submission."""
+    seen = f"{asked.place} sets {asked.variable} to {asked.value}"
+    why = "each session has a ROS domain, an RMW and DDS settings of its own"
+    text = f"{seen}. The programs ran without it, because {why}."
+    if asked.is_other_domain:
+        return text
+    return f"{text} That costs no points."
+
+
+def _of_prefixes(recorded: Recorded) -> Iterator[str]:
+    """Tell of the omitted prefixes of a launch file."""
+    processes = {process.id: process for process in planned(recorded)}
+    for step in recorded.record.steps:
+        if step.kind != StartStep.kind:
+            continue
+        left_out = StartResult.of(step).without_prefix
+        if left_out is None:
+            continue
+        for id_ in sorted(left_out.keys() & processes.keys()):
+            yield _of_prefix(processes[id_], left_out[id_])
+
+
+def _of_prefix(process: Process, prefix: str) -> str:
+    """Tell that a launched program ran without the words before its command line."""
+    seen = f"{process.file}, line {process.line} starts {process.runs} by the prefix `{prefix}`"
+    why = "the grading computer has no such program, or no screen for it"
+    return f"{seen}. It ran without the prefix, because {why}. That costs no points."
 
 
 def _of_idiom(claim: Claim) -> str:

@@ -10,7 +10,13 @@ from decimal import Decimal
 import numpy as np
 
 from grader.checks.base import inconclusive, not_reached, undecided
-from grader.checks.preconditions import DOUBTS, missing_artifact, missing_file
+from grader.checks.preconditions import (
+    DOUBTS,
+    artifact_of,
+    in_other_domain,
+    missing_artifact,
+    missing_file,
+)
 from grader.checks.registry import check_given
 from grader.checks.registry import measured as check_measured
 from grader.checks.situation import Situation, first_answer, last_answer
@@ -24,11 +30,12 @@ from grader.evidence.gaps import (
     unread,
 )
 from grader.evidence.recorded import Recorded
+from grader.evidence.session_variables import LEAVE_DOMAIN, Asked, asked_in
 from grader.judging.invalidated import Referents, not_measurable, referents, without_rest
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.session import RecordingGap
-from grader.result import Finding, Outcome, Violation
+from grader.result import Finding, Location, Outcome, Violation
 
 #: Reason of a session that judging leaves out.
 TOO_LARGE = (
@@ -47,6 +54,8 @@ class Case(Situation):
     violation: Violation | None = None
     #: True if the recording of the session is too large to be judged.
     is_too_large: bool = False
+    #: Id of a failed check that this one requires, and that is passed in another session; the recording is of that one.
+    shown_elsewhere: str | None = None
 
     @property
     def recorded(self) -> Recorded | None:
@@ -67,13 +76,17 @@ def required(case: Case) -> Finding | None:
     """Do not test a check if one that it requires has failed, was not tested, or is undecided."""
     for id_ in case.spec.requires:
         earlier = case.context.findings.get(id_)
-        if earlier is not None and not _goes_on(earlier):
+        if id_ == case.shown_elsewhere or earlier is None:
+            continue
+        if not _goes_on(case, earlier):
             return _not_tested(case, id_, earlier)
     return None
 
 
-def _goes_on(earlier: Finding) -> bool:
-    """Tell whether checks that require another one can be judged after its finding."""
+def _goes_on(case: Case, earlier: Finding) -> bool:
+    """Tell whether a check that requires another one can be judged after its finding."""
+    if earlier.is_silent:
+        return is_by_endpoints(case.spec)
     if earlier.passes_on is not None:
         return earlier.passes_on > 0
     return earlier.outcome.goes_on
@@ -87,7 +100,9 @@ def _not_tested(case: Case, required_id: str, earlier: Finding) -> Finding:
     if earlier.outcome is Outcome.NOT_REACHED:
         return not_reached(earlier.reason, blocked_by=earlier.blocked_by)
     why = f"'{title}' failed"
-    if earlier.passes_on is not None:
+    if earlier.is_silent:
+        why = f"nothing was published, as '{title}' says"
+    elif earlier.passes_on is not None:
         why = f"nothing arrives at your node, as '{title}' says"
     return not_reached(f"Not tested, because {why}.", blocked_by=required_id)
 
@@ -192,7 +207,7 @@ def left_out(case: Case) -> Finding | None:
     gap = _gap_on(case.referents(), case.context.session)
     if gap is None:
         return None
-    if _is_by_endpoints(case) and case.found.outcome.goes_on:
+    if is_by_endpoints(case.spec) and case.found.outcome.goes_on:
         notes = (*case.found.notes, describe_gap(gap))
         return replace(case.found, notes=notes)
     if isinstance(gap, UnreadGap) and not is_unread_by_student(case.context.session, gap):
@@ -202,7 +217,7 @@ def left_out(case: Case) -> Finding | None:
 
 def not_understood(case: Case) -> Finding | None:
     """Leave the check to a person if the grader cannot decode the messages on one of its topics."""
-    if not _rests_on_messages(case) or _is_by_endpoints(case):
+    if not _rests_on_messages(case) or is_by_endpoints(case.spec):
         return None
     for topic in sorted(case.referents().names):
         if not case.context.session.bag.stream(topic).understood:
@@ -218,8 +233,9 @@ def _rests_on_messages(case: Case) -> bool:
     return case.recorded is not None and case.found.outcome is not Outcome.ERROR
 
 
-def _is_by_endpoints(case: Case) -> bool:
-    return check_given(case.spec.check, case.spec.parameters).by_endpoints
+def is_by_endpoints(spec: CheckSpec) -> bool:
+    """Tell whether a check can be passed without all messages of its topics."""
+    return check_given(spec.check, spec.parameters).by_endpoints
 
 
 def _gap_on(of: Referents, recorded: Recorded) -> RecordingGap | None:
@@ -266,14 +282,55 @@ def cut_short(case: Case) -> Finding | None:
 
 
 def flaky(case: Case) -> Finding | None:
-    """Leave lost points undecided if correct programs sometimes meet the same fault, until it is seen again."""
+    """Leave lost points undecided if correct programs sometimes meet the same fault, until it is seen again.
+
+    No machine sends a program into the other ROS domain that its source sets.
+    """
     if case.recorded is None or not case.took_points:
+        return None
+    if in_other_domain(case, artifact_of(case.context, case.spec.parameters)):
         return None
     reason = inconclusive_reason(case.recorded, case.context.reference_nodes)
     return undecided(case.found, reason) if reason is not None else None
 
 
 # -- consequences of other checks ------------------------------------------------------------------
+
+
+def other_domain(case: Case) -> Finding | None:
+    """Charge a ROS domain of the program's own like another name of an endpoint; the rest is judged in the session's."""
+    costs = getattr(case.spec.parameters, "other_domain_costs", 0.0)
+    if not case.found.credit:
+        return None
+    if not costs:
+        return None
+    asked = _other_domain_of(case)
+    if asked is None:
+        return None
+    says = f"{asked.place} chooses the ROS domain {asked.value}. No program of the lab is there."
+    judged = f"{says} To judge the rest, the program ran in the domain of the session."
+    charged = replace(
+        case.found,
+        outcome=Outcome.FAILED,
+        credit=max(Decimal(0), case.found.credit - Decimal(str(costs))),
+        reason=f"{judged} {case.found.reason}".strip(),
+        hint=LEAVE_DOMAIN,
+        where=(Location(file=asked.file, line=asked.line), *case.found.where),
+    )
+    if charged.credit:
+        charged = replace(charged, outcome=Outcome.PARTIAL)
+    return case.context.charge(charged, f"domain of {asked.file}")
+
+
+def _other_domain_of(case: Case) -> Asked | None:
+    """Return the first ROS domain of their own in the programs of a check; None if there is none."""
+    if case.recorded is None:
+        return None
+    artifact = getattr(case.spec.parameters, "artifact", None)
+    for asked in asked_in(case.recorded, case.context.submission, artifact):
+        if asked.is_other_domain:
+            return asked
+    return None
 
 
 def repaired(case: Case) -> Finding | None:
@@ -326,7 +383,7 @@ RECORDING: Sequence[Rule] = (
     flaky,
 )
 #: Rules about other checks, also without a measurement.
-CONSEQUENCES: Sequence[Rule] = (repaired, excused)
+CONSEQUENCES: Sequence[Rule] = (other_domain, repaired, excused)
 #: All rules in their order; `docs/judging.md` lists them.
 RULES = (*BEFORE, missing_file, check_measured, *DOUBTS, *RECORDING, *CONSEQUENCES)
 

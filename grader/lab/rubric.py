@@ -117,6 +117,17 @@ class LabSpec(Parameters):
         None,
         description="Distribution of ROS that the handout was written for; the report names it.",
     )
+    build_timeout_s: float = Field(
+        90.0,
+        gt=0,
+        le=100,
+        description="Time for `colcon build` of a submission's packages; what takes longer is undecided.",
+    )
+    requirements: tuple[str, ...] = Field(
+        (),
+        description="Python packages for students' programs besides NumPy and SciPy, in the form of pip, "
+        "e.g. `transforms3d>=0.4`; `grade --python lab` installs them.",
+    )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
     handout: str | None = Field(
         None,
@@ -322,6 +333,11 @@ class CheckSpec(_OfKind):
         alias="with", default_factory=dict, validate_default=True
     )
     requires: tuple[EarlierCheckId, ...] = ()
+    also_in: tuple[SessionId, ...] = Field(
+        (),
+        description="Other sessions that can show it. If it fails in its own, the checks that require it are judged in "
+        "the first of these sessions where it is passed.",
+    )
     cause: str | None = Field(
         None,
         description="Name of the mistake. Its dearest check charges it; its other checks are excused.",

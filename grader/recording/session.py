@@ -200,6 +200,8 @@ class StepRun:
 
 #: Kind of a claim about a use of ROS 2 that only a newer one knows, and that was made to work.
 NEWER_IDIOM = "newer_idiom"
+#: Kind of a claim about another value of a session's variable, such as ROS_DOMAIN_ID.
+SESSION_VARIABLE = "session_variable"
 
 
 @dataclass
@@ -207,8 +209,8 @@ class Claim:
     """A note of the tap in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
-    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node", or
-    #: NEWER_IDIOM.
+    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node",
+    #: NEWER_IDIOM, or SESSION_VARIABLE.
     kind: str
     #: As given in the call (not expanded); period in seconds for a timer.
     name: str
@@ -219,6 +221,29 @@ class Claim:
     line: int = 0
     qos: Qos | None = None
     value: Any = None
+
+
+@dataclass
+class StackFrame:
+    """A line of code that a thread was executing."""
+
+    #: Path relative to the submission's root, or absolute if it is outside.
+    file: str
+    line: int
+    function: str
+
+
+@dataclass
+class Stack:
+    """Stacks of a program when the grader asked for them: written by the student's process, never evidence for points."""
+
+    process: str
+    #: Time of the question; stacks with the same one show the program twice, a moment apart.
+    asked_ns: int
+    #: Frames of each thread, the innermost first.
+    threads: list[list[StackFrame]] = field(default_factory=list)
+    #: False if only main threads were asked for.
+    is_whole: bool = True
 
 
 def asked_for(endpoint: Endpoint, claims: Iterable[Claim]) -> Claim | None:
@@ -323,6 +348,8 @@ class SessionRecord:
     #: Name in the rubric -> the student's name, if a near miss was found and used.
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
+    #: Stacks of programs that did not answer, or that were about to be ended.
+    stacks: list[Stack] = field(default_factory=list)
     #: The plan of a launch file, see `launch_plan.plan`.
     plan: dict[str, Any] | None = None
     #: The grader's own processes in the graph. All other endpoints there are the student's.

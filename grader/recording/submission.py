@@ -124,6 +124,25 @@ class PackageFact:
 
 
 @dataclass
+class BuildFact:
+    """The outcome of `colcon build` for a package of the submission."""
+
+    package: str
+    #: Folder of its package.xml, relative to the root; "" for the root itself.
+    path: str
+    #: "built", "failed", "ignored" (colcon did not find it) or "not built" (through no fault of the submission).
+    outcome: str
+    #: Why it was not built; empty for each other outcome.
+    reason: str = ""
+    #: Words of colcon, setuptools and CMake; beginning and end of a long output.
+    output: str = ""
+    #: Installed files below the package's own prefix.
+    installed: list[str] = field(default_factory=list)
+    #: Installed executables that the system cannot start, because they have no `#!` line.
+    without_interpreter: list[str] = field(default_factory=list)
+
+
+@dataclass
 class SubmissionRecord:
     """Static facts of one submission."""
 
@@ -160,12 +179,23 @@ class SubmissionRecord:
     #: Packages of interfaces that were not built here, through no fault of the submission -> reason; None if
     #: none were built.
     not_built: dict[str, str] | None = None
+    #: Builds of the packages; None if the grader did not build, as on machines without colcon.
+    builds: list[BuildFact] | None = None
     #: The lab of the recording: its id and hash (`grader.lab.kept_lab.identity_of`), and its folder.
     lab_id: str = ""
     lab_sha256: str = ""
     lab_folder: str = ""
     #: Files that the rubric names -> their hashes.
     lab_files: dict[str, str] = field(default_factory=dict)
+
+    def build_of(self, package: PackageFact) -> BuildFact | None:
+        """Return the build of a package, or None if the grader did not build it."""
+        if self.builds is None:
+            return None
+        for build in self.builds:
+            if build.path == package.path:
+                return build
+        return None
 
     def artifact(self, name: str) -> ArtifactFact | None:
         """Return the artifact with a name, or None if the rubric has no such artifact."""

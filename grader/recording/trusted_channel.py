@@ -34,6 +34,11 @@ def digest(data: bytes) -> str:
     return hashlib.blake2b(padded, digest_size=DIGEST_DIGITS // 2).hexdigest()
 
 
+def tells_identity(line: str) -> bool:
+    """Return whether a line of a reference node's output is its identity in the graph."""
+    return _PARTICIPANT.fullmatch(line) is not None
+
+
 def collect_trusted_messages(record: SessionRecord) -> None:
     """Move the reports of reference nodes from their output to the record's fields for them."""
     for run in record.processes:

@@ -105,8 +105,8 @@ def find_submissions(
         students = read_class_list(class_list)
         sources, missing, unclear = _with_class_list(sources, plain, students)
         search.understood += [*_unread_times(students), *unclear]
-        nobody_handed_in = len(missing) == len(students)
-        if sources and students and nobody_handed_in:
+        all_are_missing = len(missing) == len(students)
+        if sources and students and all_are_missing:
             _refuse_unknown_students(sources, class_list)
     return Discovery(
         tuple(sorted(sources, key=_by_name)),

@@ -38,7 +38,6 @@ from grader.own_checks import (
     graded,
     passed,
     quantise,
-    search,
     unclear,
     unexplained,
 )
@@ -619,7 +618,7 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Short
     """
     other = context.in_session(shorter.session)
     for run in other.runs() if other is not None else ():
-        count = _reports_in(run, p.report_pattern)
+        count = len(run.reports(p.report_pattern))
         if not shorter.least <= count <= shorter.most:
             continue
         if not _was_interrupted(run):
@@ -631,15 +630,6 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Short
                 f"'{p.label}: [...]'; {shorter.least} are enough."
             )
     return ""
-
-
-def _reports_in(run: Run, patterns: Sequence[str]) -> int:
-    """Count the lines of a process with a report, by the first pattern that finds any."""
-    for pattern in patterns:
-        count = sum(search(pattern, line.text[:2000]) is not None for line in run.lines)
-        if count:
-            return count
-    return 0
 
 
 def _was_interrupted(run: Run) -> bool:

@@ -83,3 +83,13 @@ def test_every_kind_of_the_lab_can_be_written(rubric: Rubric) -> None:
             continue
         has_some = spec.session is not None and spec.check != "launch_together"
         assert bool(commands) == has_some, spec.check
+
+
+def test_a_file_that_was_not_handed_in_has_no_command(rubric: Rubric) -> None:
+    """There is nothing to run beside `ros2 topic list`."""
+    absent = ArtifactFact("publisher", "joint_publisher.py", None, "name")
+    nothing = dataclasses.replace(HANDED_IN, artifacts=[*HANDED_IN.artifacts, absent])
+    spec = next(spec for spec in rubric.checks() if spec.check == "topic_published")
+    finding = Finding(Outcome.FAILED, Decimal(0), reason="There is no joint_publisher.py.")
+    assert commands_of(spec, rubric, nothing, {}, finding) == ()
+    assert commands_of(spec, rubric, HANDED_IN, {}, finding) != ()

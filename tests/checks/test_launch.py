@@ -13,7 +13,7 @@ import pytest
 
 from grader.checks.base import failed, passed
 from grader.recording.session import Claim
-from grader.recording.submission import PackageFact
+from grader.recording.submission import BuildFact, PackageFact
 from grader.result import Finding, Location, Outcome
 from launch_plan.format import SCHEMA
 from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
@@ -240,6 +240,52 @@ def test_what_lacks_by_no_mistake_of_the_file_costs_nothing(
         "launch_loads", LOADS, planned(Session(tmp_path), worked_around=worked_around), handed_in
     )
     assert (finding.outcome, bool(finding.notes)) == (outcome, outcome is Outcome.PASSED)
+
+
+@pytest.mark.parametrize(
+    ("build", "words"),
+    [
+        ({"outcome": "failed", "output": "error: package directory 'x' does not exist"}, "'x'"),
+        ({"outcome": "built", "installed": ["bin/talk"]}, "setup.cfg"),
+        ({"outcome": "built", "without_interpreter": ["lib/arm/talk"]}, "Exec format error"),
+        ({"outcome": "built", "installed": ["lib/arm/talk"]}, ""),
+        ({"outcome": "not built", "reason": "no tool"}, ""),
+    ],
+)
+def test_a_package_that_ros2_launch_refuses_is_charged_once(
+    tmp_path: Path, build: dict[str, Any], words: str
+) -> None:
+    """The launch file is judged by an installation as it was meant, for a part of the points of the rest."""
+    record = submission({"arm/it.py": ""}, it="arm/it.py")
+    record.packages = [PackageFact("arm", "arm", "ament_python")]
+    record.builds = [BuildFact("arm", "arm", **build)]
+    processes = [{**entry("talk", "talker"), "package": "arm"}]
+    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), processes=processes), record)
+    assert (finding.outcome is Outcome.FAILED) == bool(words)
+    assert words in finding.reason
+    if words:
+        assert finding.passes_on == Decimal("0.9")
+        assert finding.causes == ("build of arm",)
+        assert finding.hint
+
+
+@pytest.mark.parametrize(
+    ("name", "outcome"), [("talk", Outcome.INCONCLUSIVE), ("tlak", Outcome.FAILED)]
+)
+def test_a_compiled_program_that_is_not_built_here_costs_nothing(
+    tmp_path: Path, name: str, outcome: Outcome
+) -> None:
+    """A launch file that starts a program in C++ is left to a person; a misspelt name is a mistake still."""
+    record = submission(
+        {"arm/it.py": "", "arm/CMakeLists.txt": "add_executable(talk a.cpp)"}, it="arm/it.py"
+    )
+    record.packages = [PackageFact("arm", "arm", "ament_cmake")]
+    noted = [
+        {"kind": "unknown_executable", "message": f"Executable '{name}' not found in package 'arm'"}
+    ]
+    session = planned(Session(tmp_path), worked_around=noted)
+    finding = judged("launch_loads", LOADS, session, record)
+    assert (finding.outcome, finding.retry) == (outcome, outcome is Outcome.FAILED)
 
 
 def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:

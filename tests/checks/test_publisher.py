@@ -181,6 +181,26 @@ def test_what_is_missing_is_missing_in_every_run(tmp_path: Path) -> None:
     assert finding.outcome is Outcome.FAILED
 
 
+@pytest.mark.parametrize(
+    ("topic_type", "ended_by", "credit", "is_silent"),
+    [
+        (FLOATS, "interrupt", "0.2", True),
+        ("std_msgs/msg/String", "interrupt", "0", True),
+        (FLOATS, "itself", "0", False),
+    ],
+    ids=["running", "of another type", "ended"],
+)
+def test_a_silent_publisher_of_a_running_program_earns_a_part(
+    tmp_path: Path, topic_type: str, ended_by: str, credit: str, is_silent: bool
+) -> None:
+    """One that was in the graph for a moment earns nothing, because the graph may have missed it."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC, topic_type=topic_type)
+    interrupted_ns = at(20.0) if ended_by == "interrupt" else None
+    session.process(ended_by=ended_by, interrupted_ns=interrupted_ns)
+    finding = judged("topic_published", {**PUBLISHED, "silent_credit": 0.2}, session)
+    assert (finding.credit, finding.is_silent) == (Decimal(credit), is_silent)
+
+
 def test_a_silent_timer_is_reported_with_its_period(tmp_path: Path) -> None:
     """A node with a timer and without messages is told the timer's period, and of the clock that it may wait for."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").claim("timer", "0.01")
@@ -300,6 +320,26 @@ def test_the_machine_does_not_excuse_a_node_that_is_slow_by_itself(tmp_path: Pat
     """A timer of 80 Hz stays one of 80 Hz although the machine was busy for a while."""
     session = published(tmp_path, evenly(80, 6.0)).delayed("it", 1.6, 8.0)
     assert judged("topic_rate", RATE, session).outcome is Outcome.FAILED
+
+
+@pytest.mark.parametrize("turn_s", [4.0, 8.0])
+def test_a_rate_that_changes_for_good_is_judged_by_its_end(tmp_path: Path, turn_s: float) -> None:
+    """The machine was busy for a moment, which is no excuse for half of the rate."""
+    times = [*evenly(100, turn_s), *evenly(50, 9.5 - turn_s, 1.0 + turn_s + 0.02)]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").window(1.0, 10.5)
+    session.messages(TOPIC, [[0.0] * 7] * len(times), times).disturbed("it", (3.0, 0.14))
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is Outcome.FAILED
+    assert f"at 100.0 Hz for {turn_s:.1f} s, then at 50.0 Hz" in finding.reason
+
+
+@pytest.mark.parametrize("gap_s", [(5.0, 5.4), (6.2, 6.6)], ids=["in the middle", "near the end"])
+def test_a_single_gap_is_no_change_of_the_rate(tmp_path: Path, gap_s: tuple[float, float]) -> None:
+    """It costs what it takes off the rate of the whole window."""
+    times = [t for t in evenly(100, 6.0) if not gap_s[0] < t < gap_s[1]]
+    finding = judged("topic_rate", RATE, published(tmp_path, times))
+    assert finding.outcome is Outcome.PARTIAL
+    assert "changes" not in finding.reason
 
 
 def test_a_starved_node_is_undecided_however_even_its_intervals(tmp_path: Path) -> None:
@@ -458,7 +498,9 @@ def test_evenness_at_the_edge_of_what_a_sample_can_tell_is_undecided(tmp_path: P
 def test_a_rate_at_the_edge_of_a_step_is_undecided(tmp_path: Path) -> None:
     """An error of the rate that spans more than one credit level leaves the rate undecided."""
     session = published(tmp_path, uneven(0.5, 0.004, rate_hz=97.82))
-    assert judged("topic_rate", RATE, session).outcome is Outcome.INCONCLUSIVE
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is Outcome.INCONCLUSIVE
+    assert "It earns at least 90% and at most 100% of the points." in finding.reason
 
 
 def test_nothing_is_timed_by_a_clock_that_was_set(tmp_path: Path) -> None:

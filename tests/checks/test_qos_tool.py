@@ -148,6 +148,34 @@ def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
     assert "to which nothing of the submission subscribes" in (finding.unmeasured or "")
 
 
+@pytest.mark.parametrize(
+    ("callback", "body", "keeps"),
+    [
+        ("self.on_message", "pass", False),
+        ("self.on_message", "self.get_logger().info('got one')", False),
+        ("lambda message: None", "pass", False),
+        ("self.on_message", "self.count += 1", True),
+        ("lambda message: self.times.append(message)", "pass", True),
+        ("self.on_message_of(name)", "pass", True),
+    ],
+)
+def test_a_callback_that_keeps_nothing_measures_nothing(
+    tmp_path: Path, callback: str, body: str, *, keeps: bool
+) -> None:
+    """Right numbers keep their points, and a person looks at them."""
+    source = "class It(Node):\n    def __init__(self):\n"
+    source += f"        self.create_subscription(T, '/test_fast', {callback}, 10)\n"
+    source += f"    def on_message(self, message):\n        {body}\n"
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it", [row()])
+    times = evenly(100, 9.99)
+    session.endpoint("subscription", TOPIC)
+    session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
+    finding = judged("reported_traffic", REPORTED, session, submission({"it.py": source}))
+    assert finding.outcome is Outcome.PASSED
+    assert bool(finding.unmeasured) == (not keeps)
+    assert keeps or "it.py, line 3" in (finding.unmeasured or "")
+
+
 @pytest.mark.parametrize(("mean_ms", "max_ms"), [(1.0, 3.0), (50.0, 90.0)])
 def test_counts_that_the_machine_may_have_lowered_are_undecided(
     tmp_path: Path, mean_ms: float, max_ms: float

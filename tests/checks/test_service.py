@@ -223,7 +223,8 @@ def test_a_node_that_does_not_spin_is_recognised(tmp_path: Path) -> None:
     """A node that does not answer questions for parameters either does not spin."""
     session = Session(tmp_path).process().step("get_parameters", "defaults", "timeout")
     finding = judged("call_answered", ANSWERED, called(session, "enable", call(None, 3.0)))
-    assert "it does not spin" in finding.reason
+    assert "does not answer parameter requests either" in finding.reason
+    assert "rclpy.spin(node) must be reached" in finding.hint
 
 
 def test_an_exception_in_the_callback_is_the_reason(tmp_path: Path) -> None:

@@ -346,7 +346,7 @@ def test_checks_that_nobody_can_fail_or_pass_are_named(
         "! free.always fails with an error where nothing happens, so that it costs nobody: The lab's own"
         in output
     )
-    edit(arm_lab, "observe: {duration_s: 6", "observe: {duration_s: 7")
+    edit(arm_lab, "observe: {duration_s: 9.5", "observe: {duration_s: 10")
     output = run(capsys, "check", arm_lab)[1]
     assert "The sessions have changed since the solution was recorded" in output
 

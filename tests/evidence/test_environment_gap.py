@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from grader.evidence.crash.causes import Diagnosis
-from grader.evidence.environment_gap import environment_gap, modules_to_look_for
+from grader.evidence.environment_gap import environment_gap, for_teachers, modules_to_look_for
 from grader.recording.submission import PackageFact
 from tests.synthetic import submission
 
@@ -160,3 +160,15 @@ def test_a_file_in_newer_syntax_is_for_a_person_to_decide() -> None:
     assert told.startswith("it.py (line 1) uses syntax of Python 3.12")
     assert environment_gap(found, submission({"it.py": BROKEN}), "it.py") is None
     assert environment_gap(found, submission({"other.py": ""}), "other.py") is None
+
+
+def test_a_teacher_is_told_how_to_install_a_missing_library() -> None:
+    """The text for students names a person; the text for that person names commands."""
+    reason = "It needs tabulate.core, which the grading computer lacks. Your instructor will run it by hand."
+    text = for_teachers(reason)
+    assert text.startswith("It needs tabulate.core, which the grading computer lacks. Install it")
+    assert "the package of tabulate" in text
+    assert "grade this submission again" in text
+    assert "instructor" not in text
+    busy = "Not your fault: the grading computer was too busy to measure this (2.00 s of 6.0 s)."
+    assert for_teachers(busy).startswith("The grading computer was too busy")

@@ -59,6 +59,21 @@ def test_a_window_is_there_if_it_opened(tmp_path: Path) -> None:
     assert recorded.window("other") is None
 
 
+@pytest.mark.parametrize(
+    ("first_s", "begin_s"),
+    [(1.2, 1.2), (0.4, 1.3), (1.7, 1.3)],
+    ids=["came while the step waited", "came before the step", "came after the window opened"],
+)
+def test_a_window_holds_the_message_that_opened_it(
+    tmp_path: Path, first_s: float, begin_s: float
+) -> None:
+    """The director opens a window some milliseconds after the message for which it waited."""
+    session = Session(tmp_path).messages("/a", [[1.0]] * 3, [first_s, first_s + 0.1, 2.5])
+    session.window(1.3, 2.0)
+    session.record.steps[-1].parameters = {"first_message_on": "/a"}
+    assert session.recorded().window("window") == Span(at(begin_s), at(2.0))
+
+
 # -- numbers ---------------------------------------------------------------------------------------
 
 

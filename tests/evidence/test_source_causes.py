@@ -14,7 +14,7 @@ HEAD = "import os, time\nimport rclpy\n"
     ("statement", "value"),
     [
         ("os.environ['ROS_DOMAIN_ID'] = '30'", "30"),
-        ("os.environ.setdefault('ROS_DOMAIN_ID', str(bench))", "str(bench)"),
+        ("os.environ['ROS_DOMAIN_ID'] = str(bench)", "str(bench)"),
         ("os.putenv('ROS_DOMAIN_ID', '7')", "7"),
         ("os.environ.update(ROS_DOMAIN_ID='8')", "8"),
         ("rclpy.init(args=args, domain_id=42)", "42"),
@@ -30,16 +30,22 @@ def test_a_domain_in_the_source_is_named_with_its_line(statement: str, value: st
 
 @pytest.mark.parametrize(
     "statement",
-    ["rclpy.init(args=args, domain_id=None)", "print(os.environ['ROS_DOMAIN_ID'])", "rclpy.init("],
+    [
+        "rclpy.init(args=args, domain_id=None)",
+        "rclpy.init(args=args, domain_id=0)",
+        "os.environ.setdefault('ROS_DOMAIN_ID', '30')",
+        "print(os.environ['ROS_DOMAIN_ID'])",
+        "rclpy.init(",
+    ],
 )
 def test_a_domain_that_is_only_read_is_no_cause(statement: str) -> None:
-    """Reading the variable, and a default, leave the program in the session's domain."""
+    """Reading the variable, the usual domain, and a value for want of another, leave the program in the session's domain."""
     assert silent_cause("talk.py", HEAD + statement) is None
 
 
 def test_a_program_in_the_graph_is_in_the_domain_of_the_session() -> None:
     """A node that the session saw cannot speak in another domain, whatever its source sets."""
-    text = f"{HEAD}os.environ['ROS_DOMAIN_ID'] = '0'"
+    text = f"{HEAD}os.environ['ROS_DOMAIN_ID'] = '30'"
     assert silent_cause("talk.py", text, is_in_graph=True) is None
 
 
@@ -76,9 +82,56 @@ def test_an_overwritten_attribute_is_the_cause_of_an_undeclared_parameter() -> N
     """The declaration is there: advice to declare the parameter would be wrong."""
     found = Diagnosis("parameter-not-declared", "The parameter is used.", "Declare it.", "a.py", 9)
     text = "class A(Node):\n    def __init__(self):\n        self._parameters = {}\n"
-    cause = corrected(found, text)
+    cause = corrected(found, {"a.py": text})
     assert (cause.kind, cause.line) == ("overwritten-attribute", 3)
-    assert corrected(found, text.replace("_parameters", "_mine")) is found
+    assert corrected(found, {"a.py": text.replace("_parameters", "_mine")}) is found
+
+
+ENDS = """
+class Mode(Node):
+    def __init__(self):
+        self.create_service(SetBool, '/enable', self.on_request)
+
+    def other(self):
+        pass
+
+    def on_request(self, request, response):
+        response.success = True
+        {last}
+"""
+SPINS = Diagnosis("no-response", "It returns no response.", "Return it.", "it.py", 40)
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        "response.message = 'on'",
+        "return",
+        "if request.data:\n            return response",
+        "try:\n            return response\n        except ValueError:\n            pass",
+    ],
+)
+@pytest.mark.parametrize("path", ["it.py", "parts/node.py"])
+def test_a_callback_without_return_is_marked_at_its_end(last: str, path: str) -> None:
+    """The traceback shows the line of spin; the callback can stand in another file."""
+    text = ENDS.format(last=last)
+    found = corrected(SPINS, {path: text, "it.py": text if path == "it.py" else "spin()"})
+    assert (found.file, found.line, found.subject) == (path, text.count("\n"), "on_request")
+    assert found.problem == "on_request() ends here without `return response`."
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        "return response",
+        "raise ValueError",
+        "if request.data:\n            return response\n        else:\n            return None or response",
+        "with self.lock:\n            return response",
+    ],
+)
+def test_a_callback_that_returns_is_not_marked(last: str) -> None:
+    """Another program of the same kind may be the cause."""
+    assert corrected(SPINS, {"it.py": ENDS.format(last=last)}) is SPINS
 
 
 @pytest.mark.parametrize(

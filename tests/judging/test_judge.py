@@ -607,6 +607,28 @@ def test_a_misspelt_topic_is_found_though_no_step_waited_for_it(
     assert (checks["publishes"].outcome, checks["holds"].outcome) == (publishes, Outcome.PASSED)
 
 
+INPUT_AND_OUTPUT = NOT_AWAITED.replace(
+    "      - {id: holds",
+    """      - {id: hears, points: 0, session: experiment, check: field_range,
+         with: {topic: /limits, field: data, high: 1}}
+      - {id: holds""",
+)
+
+
+def test_an_input_is_not_taken_for_a_missing_output(tmp_path: Path) -> None:
+    """The only topic of the output's type is more like an input of the lab, which is missing too."""
+    (tmp_path / "robot.py").write_text("", encoding="utf-8")
+    (tmp_path / "lab.yaml").write_text(INPUT_AND_OUTPUT, encoding="utf-8")
+    session = Session(tmp_path).process().endpoint("publisher", "/my_limits")
+    session.messages("/my_limits", [[0.5]] * 9, evenly(1, 8))
+    write_submission(tmp_path, submission())
+    session.recorded()
+    rubric = read_rubric(tmp_path / "lab.yaml")
+    checks = checks_of(judge(open_recordings(tmp_path, rubric), rubric))
+    assert checks["publishes"].outcome is Outcome.FAILED
+    assert checks["holds"].outcome is Outcome.NOT_REACHED
+
+
 NOT_CALLED_BY_ITS_NAME = """\
 lab: {id: "1", title: One, points: 2}
 artifacts: {it: {file: it.py}}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from grader.judging.judge import Recordings, judge_checks
 from grader.judging.rubrics import rubric_kinds
 from grader.judging.rules import RULES, sentence_of
 from grader.lab.rubric import load_rubric
+from grader.recording.session import SESSION_VARIABLE, Claim
 from grader.recording.submission import SubmissionRecord
 from grader.result import MEASURED, Finding, Outcome
 from tests.synthetic import ROOT, Session, evenly, submission
@@ -126,3 +128,26 @@ def test_what_the_grader_could_not_record_is_decided_by_no_measurement(
         findings = judged(tmp_path, made)
     assert rules_of(findings) == [rule, "required", "required"]
     assert {finding.outcome for finding in findings.values()} == {Outcome.INCONCLUSIVE}
+
+
+def _in_domain(made: Session, value: str) -> Session:
+    claim = Claim("it", SESSION_VARIABLE, "ROS_DOMAIN_ID", file="it.py", line=3, value=value)
+    made.record.claims.append(claim)
+    return made
+
+
+def test_a_domain_of_its_own_is_charged_as_another_name(tmp_path: Path) -> None:
+    """The endpoint's check names the line, and the others are judged as if the domain were the session's."""
+    findings = judged(tmp_path, _in_domain(session(tmp_path, [0.5, 0.6]), "30"))
+    assert rules_of(findings) == ["other_domain", "measured", "measured"]
+    found = findings["publishes"]
+    assert (found.outcome, found.credit) == (Outcome.PARTIAL, Decimal("0.4"))
+    assert "ROS domain 30" in found.reason
+    assert (found.where[0].file, found.where[0].line) == ("it.py", 3)
+    assert found.causes == ("domain of it.py",)
+
+
+def test_the_default_domain_costs_nothing(tmp_path: Path) -> None:
+    """A program that asks for domain 0 asks for the domain of the lab."""
+    findings = judged(tmp_path, _in_domain(session(tmp_path, [0.5, 0.6]), "0"))
+    assert rules_of(findings) == ["measured"] * 3

@@ -172,9 +172,9 @@ def result_names(batch: Batch, source: dict[str, Path], results: Path) -> dict[s
 def short_rubric() -> str:
     """Return the lab's rubric with a shorter window: no attack here aims at the rate."""
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
-    window = "observe: {duration_s: 6, extend_s: 4, first_message_on: /joint_commands}"
+    window = "observe: {duration_s: 9.5, extend_s: 4, first_message_on: /joint_commands}"
     assert text.count(window) == 1
-    return text.replace(window, window.replace("6, extend_s: 4", "2"))
+    return text.replace(window, window.replace("9.5, extend_s: 4", "2"))
 
 
 def run_batch(batch: Batch, folder: Path) -> Graded:
@@ -425,7 +425,7 @@ def faults_of_notes(expect: Expectation, result: dict[str, Any]) -> list[str]:
         limits.update(session["limits"].values())
     kinds = {violation["kind"] for violation in result.get("violations", [])}
     faults = []
-    if expect.limit is not None and expect.limit not in limits:
+    if expect.limit is not None and limits.isdisjoint(expect.limit.split(" or ")):
         faults.append(f"the limits named are {limits or 'none'}, not {expect.limit}")
     if expect.violation is not None and expect.violation not in kinds:
         faults.append(f"the violations are {kinds or 'none'}, not {expect.violation}")

@@ -33,7 +33,7 @@ def submissions() -> list[tuple[Path, str]]:
 
 
 SUBMISSIONS = submissions()
-CHOSEN = part(SUBMISSIONS, 25, os.environ.get("FIXTURES", "") == "all")
+CHOSEN = part(SUBMISSIONS, 75, os.environ.get("FIXTURES", "") == "all")
 #: Most gradings of one submission, each with the repetitions of a grading.
 MOST_GRADINGS = 2
 #: Types that the wheels of ROS lack, and which are built.
@@ -68,7 +68,7 @@ def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -
     skip_unless_built(lab)
     for _ in range(MOST_GRADINGS):
         run = grade("selftest", "--rubric", lab / "rubric.yaml", "--jobs", "1", name, cwd=tmp_path)
-        if "1 undecided: the machine was too busy" not in run.stdout:
+        if "1 undecided: " not in run.stdout:
             break
     assert run.returncode == 0, run.stdout + run.stderr
 

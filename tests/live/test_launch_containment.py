@@ -113,7 +113,7 @@ MISDEEDS = [
     Misdeed("takes_memory", "hoard = bytearray(2**36)", reason_has="MemoryError"),
 ]
 #: A third of them in every run, others for each commit.
-TRIED = part(MISDEEDS, 3, os.environ.get("ATTACKS") == "all")
+TRIED = part(MISDEEDS, 7, os.environ.get("ATTACKS") == "all")
 
 
 def submission_of(misdeed: Misdeed, folder: Path) -> Path:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from grader.evidence.recorded import Recorded
 from grader.evidence.text.output import is_whole, read_output
 from grader.lab.patterns import search
-from grader.recording.session import OutputLine
+from grader.recording.session import OutputLine, ProcessRun
 
 #: A decimal number. A match neither starts after a digit nor can end in two ways; a search therefore looks at each
 #: character once, even if the text after the number does not fit.
@@ -99,13 +99,28 @@ def _reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
 def _printed(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
     found = []
     for process in recorded.processes_of(artifact):
-        until_ns = process.interrupted_ns or process.exited_ns or _NEVER_NS
-        for line in read_output(process.output):
-            if line.t_ns >= until_ns:
-                continue
-            report = _report(pattern, line.t_ns, line.text)
-            if report is not None:
-                found.append(report)
+        found += _of_process(process, pattern)
+    return found
+
+
+def reports_of(process: ProcessRun, patterns: Sequence[str]) -> list[Report]:
+    """Return the numbers that a pattern finds in the output of one process, as `reports` does."""
+    for pattern in patterns:
+        found = _of_process(process, pattern)
+        if found:
+            return found
+    return []
+
+
+def _of_process(process: ProcessRun, pattern: str) -> list[Report]:
+    found = []
+    until_ns = process.interrupted_ns or process.exited_ns or _NEVER_NS
+    for line in read_output(process.output):
+        if line.t_ns >= until_ns:
+            continue
+        report = _report(pattern, line.t_ns, line.text)
+        if report is not None:
+            found.append(report)
     return found
 
 

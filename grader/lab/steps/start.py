@@ -69,12 +69,12 @@ class StartStep(Step):
             ("name", "parameters", "remappings", "composed", "if_ended"), "student"
         )
         owners["with_"] = "reference"
-        if useless := [
-            key
-            for key in self.model_fields_set & owners.keys()
-            if getattr(self, owners[key]) is None
-        ]:
-            raise mistakes_at(
-                ((key.rstrip("_"),), f"only a {owners[key]} takes it") for key in useless
-            )
+        mistakes = []
+        for key in self.model_fields_set & owners.keys():
+            owner = owners[key]
+            if getattr(self, owner) is None:
+                name = key.rstrip("_")
+                mistakes.append(((name,), f"only a {owner} takes it"))
+        if mistakes:
+            raise mistakes_at(mistakes)
         return self

@@ -26,6 +26,7 @@ from confine.isolation import Isolation, free_slot
 from confine.room import TEMPORARY, Room
 from confine.running import run_confined
 from confine.scratch import remove_tree, scratch_prefix
+from grader.live.sandbox.cache import cache_folder
 from grader.live.sandbox.environment import ros_environment
 from grader.live.sandbox.room import HOME, INTERFACES, made_room
 from grader.recording.interfaces import InterfacePackage, in_order, packages_of, read_folder
@@ -182,10 +183,14 @@ def _prefix_of(
     for used in sorted(package.used):
         if used in built.invalid or used in built.missing:
             raise _NotBuilt(f"it uses {used}, which was not built", invalid=used in built.invalid)
-    needed = [built.prefixes[name] for name in sorted(package.used) if name in built.prefixes]
-    name = f"{package.name}-{_key(package, [prefix.name for prefix in needed])}"
+    needed = []
+    for used in sorted(package.used):
+        prefix = built.prefixes.get(used)
+        if prefix is not None:
+            needed.append(prefix.name)
+    name = f"{package.name}-{_key(package, needed)}"
     target = folder / name
-    cached = _cache() / name
+    cached = cache_folder("interfaces") / name
     if _from_cache(cached, target):
         return target
     missing = lacking_toolchain()
@@ -331,14 +336,6 @@ def parts_in(folder: Path) -> dict[str, str]:
 
 
 # -- the cache -------------------------------------------------------------------------------------
-
-
-def _cache() -> Path:
-    """Return the folder of the cache, which only the grader's own processes write; no sandbox sees it."""
-    chosen = os.environ.get("XDG_CACHE_HOME")
-    if not chosen:
-        chosen = os.environ.get("HOME", "/nowhere") + "/.cache"
-    return Path(chosen, "grade/interfaces")
 
 
 def _from_cache(cached: Path, target: Path) -> bool:

@@ -9,7 +9,7 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -211,8 +211,13 @@ class RunningProcess:
             return None
         return children[0]
 
-    async def stop(self, timeout_s: float) -> None:
-        """Interrupt the program itself as Ctrl-C would, then terminate, then kill it; `ended_by` names the last step."""
+    async def stop(
+        self, timeout_s: float, on_unheeded: Callable[[], Awaitable[None]] | None = None
+    ) -> None:
+        """Interrupt the program itself as Ctrl-C would, then terminate, then kill it; `ended_by` names the last step.
+
+        `on_unheeded` is called if the program goes on after the interrupt.
+        """
         # Without a program, it is just beginning or just ending.
         if not self.alive or (self._pid() is None and await self.wait_exit(_TERMINATE_GRACE_S)):
             return
@@ -231,6 +236,8 @@ class RunningProcess:
                 if await self.wait_exit(grace_s):
                     self.run.ended_by = ended_by
                     return
+                if on_unheeded is not None and number == signal.SIGINT:
+                    await on_unheeded()
         await self.kill()
 
     async def kill(self, limit: str | None = None) -> None:

@@ -23,6 +23,7 @@ import grader
 from confine.helpers import absolute_entries, python, run_helper
 from confine.interpreters import OWN_INTERPRETER
 from grader.errors import PlatformError
+from grader.evidence.session_variables import PREFIXES, is_sessions
 from grader.live.sandbox.enough import require_limits
 from launch_plan.exchange import PACKAGE
 
@@ -103,21 +104,34 @@ def student_environment(
     If `interpreter` belongs to a virtual environment with the ROS wheels, these are set up.
     """
     prefix = interpreter.parent.parent
-    return {
-        **ros_environment(prefix),
-        "HOME": home,
-        "TMPDIR": "/tmp",
-        "ROS_LOG_DIR": f"{home}/log",
-        "ROS_DOMAIN_ID": str(domain_id),
-        "ROS_DISTRO": "jazzy",
-        "ROS_VERSION": "2",
-        "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTHONNOUSERSITE": "1",  # files that an earlier program left at home must not run before the tap
-        "PYTHONPATH": inside,
-        "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
-        "RCUTILS_COLORIZED_OUTPUT": "0",
-    }
+    environment = (
+        ros_environment(prefix)
+        | {
+            "HOME": home,
+            "TMPDIR": "/tmp",
+            "ROS_LOG_DIR": f"{home}/log",
+            "ROS_DOMAIN_ID": str(domain_id),
+            "ROS_DISTRO": "jazzy",
+            "ROS_VERSION": "2",
+            "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "PYTHONNOUSERSITE": "1",  # files that an earlier program left at home must not run before the tap
+            "PYTHONPATH": inside,
+            "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
+            "RCUTILS_COLORIZED_OUTPUT": "0",
+        }
+    )
+    environment["GRADER_SESSION_VARIABLES"] = _sessions_own(environment)
+    return environment
+
+
+def _sessions_own(environment: Mapping[str, str]) -> str:
+    """Return the session's variables in JSON, for the tap: first characters of their names, and their values."""
+    values = {}
+    for name, value in environment.items():
+        if is_sessions(name):
+            values[name] = value
+    return json.dumps({"prefixes": PREFIXES, "values": values})
 
 
 @functools.cache  # An interpreter takes half a second to answer.

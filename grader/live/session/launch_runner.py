@@ -13,7 +13,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Container, Coroutine, Iterable, Mapping
+from collections.abc import Container, Coroutine, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 from confine.limits import attainable
 from confine.scratch import remove_tree
 from grader.evidence.near_miss import LEAST_RATIO, likeness
+from grader.evidence.session_variables import is_sessions
 from grader.lab.steps.base import Answer
 from grader.lab.steps.plan import PlanResult, PlanStep, Repair, repair_of
 from grader.lab.steps.start import StartResult
@@ -361,13 +362,35 @@ class LaunchRunner:
         plan = Plan.from_plain(plain)
         self._write_files(plan)
         self._absent = {process.id for process in plan.processes if process.absent}
-        present = [process for process in plan.processes if not process.absent]
+        left_out = self._prefixes_left_out(plan)
+        present = []
+        for process in plan.processes:
+            if process.absent:
+                continue
+            if process.id in left_out:
+                process = replace(process, prefix=())
+            present.append(process)
         for process in present:
             if process.when is None:
                 await self._start(process)
             else:
                 self._later(self._start_when(process, process.when))
-        return Answer("done", StartResult(processes=[process.id for process in present]))
+        started = [process.id for process in present]
+        result = StartResult(processes=started)
+        if left_out:
+            result.without_prefix = left_out
+        return Answer("done", result)
+
+    def _prefixes_left_out(self, plan: Plan) -> dict[str, str]:
+        """Return the prefixes with programs that are missing here or need a screen, by process."""
+        path = self._sandbox.environment({})["PATH"]
+        found = {}
+        for process in plan.processes:
+            if not process.prefix:
+                continue
+            if not _runs_here(process.prefix, path):
+                found[process.id] = " ".join(process.prefix)
+        return found
 
     def _write_files(self, plan: Plan) -> None:
         """Write the files that the launch file made, or had made, for its nodes."""
@@ -393,7 +416,7 @@ class LaunchRunner:
     async def _start(self, process: Process, respawns: int = 0) -> None:
         name = self._free_name(process.id + (f" (start {respawns + 1})" if respawns else ""))
         run = ProcessRun(name, "student", self._command(process))
-        environment = {variable: self._placed(value) for variable, value in process.env.items()}
+        environment = self._environment(process)
         try:
             running = await self._sandbox.start(run, environment=environment, cwd=process.cwd)
         except (OSError, ValueError) as error:  # a command line that no system takes
@@ -404,6 +427,14 @@ class LaunchRunner:
             return
         if process.respawn and respawns < _MAX_RESPAWNS:
             self._later(self._restart(process, running, respawns + 1))
+
+    def _environment(self, process: Process) -> dict[str, str]:
+        """Return the variables of a process, without the session's own."""
+        environment = {}
+        for variable, value in process.env.items():
+            if not is_sessions(variable):
+                environment[variable] = self._placed(value)
+        return environment
 
     def _free_name(self, wanted: str) -> str:
         """Return a name that no process of the session has, so that no process replaces another one in the list."""
@@ -453,6 +484,21 @@ class LaunchRunner:
         await asyncio.sleep(float(when.get("after_s", 0.0)))
         if not self._ending:
             await self._start(process)
+
+
+#: Terminals, debuggers and other programs with a need for a screen, a person or another account.
+_ATTENDED = frozenset([
+    "alacritty", "ddd", "gdb", "gdbserver", "gnome-terminal", "kitty", "konsole", "lldb", "lxterminal",
+    "mate-terminal", "ptyxis", "qterminal", "rxvt", "screen", "st", "sudo", "terminator", "tilix", "tmux",
+    "urxvt", "wezterm", "x-terminal-emulator", "xfce4-terminal", "xterm",
+])  # fmt: skip
+
+
+def _runs_here(prefix: Sequence[str], path: str) -> bool:
+    """Tell whether the words before a program's command line can be run in a session."""
+    if shutil.which(prefix[0], path=path) is None:
+        return False
+    return all(PurePosixPath(word).name not in _ATTENDED for word in prefix)
 
 
 #: A name of something that is missing, or a path below the submission.

@@ -30,7 +30,8 @@ from grader.live.session.link import Link
 from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.session import Endpoint, ProcessRun
-from grader.recording.trusted_channel import collect_trusted_messages
+from grader.recording.trusted_channel import collect_trusted_messages, tells_identity
+from grader.reference_node import FROM_INPUT
 
 #: Address space of each of the grader's own processes.
 _TRUSTED_BYTES = 3 * 1024**3
@@ -131,16 +132,25 @@ class Programs:
         text = json.dumps(self._configuration(settings))
         run = ProcessRun(name, "reference", ["python", Path(file).name, text])
         # Not on the command line, which everybody can read where process ids are shared: the seed is in it.
-        running = await self._start_trusted(run, partial(run_script, file, "-"))
-        running.write(text.encode(), last=True)
+        running = await self._start_trusted(run, partial(run_script, file, FROM_INPUT))
+        running.write(f"{text}\n".encode())
         self.processes[name] = running
+        await self._protect_reference(name, running)
         answer = await self.wait_output(name, "ready", _REFERENCE_START_S)
         if answer.outcome != "done":
             self.record.problems.append(f"the reference node {name} did not become ready")
         running.put_standing()
+        self._filter.protect(running.root_pid() or 0)
+        return answer
+
+    async def _protect_reference(self, name: str, running: RunningProcess) -> None:
+        """Protect a reference node's name as soon as it is known, and let the node open its endpoints."""
+        await self._wait_line(
+            running, lambda line: tells_identity(line) or "ready" in line, _REFERENCE_START_S
+        )
         collect_trusted_messages(self.record)
         self._filter.protect(running.root_pid() or 0, self._prefix_of(name))
-        return answer
+        running.write(b"protected\n", last=True)
 
     def _configuration(self, settings: dict[str, Any]) -> dict[str, Any]:
         """Return the text that a reference node reads, before it is JSON."""
@@ -243,15 +253,22 @@ class Programs:
         process = self.processes.get(name)
         if process is None:
             return Answer("failed", StepResult(f"there is no process {name}"))
+        is_written = await self._wait_line(process, lambda line: text in line, timeout_s)
+        return Answer("done" if is_written else "timeout")
+
+    async def _wait_line(
+        self, process: RunningProcess, fits: Callable[[str], bool], timeout_s: float
+    ) -> bool:
+        """Wait for a line of a process's output that fits, and return whether there is one."""
         end_s = time.monotonic() + timeout_s
         looked_at = 0
         while True:
             is_last = not process.alive or time.monotonic() > end_s
             lines = process.run.output[looked_at:]
-            if any(text in line.text for line in lines):
-                return Answer("done")
+            if any(fits(line.text) for line in lines):
+                return True
             if is_last:
-                return Answer("timeout")
+                return False
             looked_at += len(lines)
             await asyncio.sleep(_LOOK_S)
 

@@ -87,8 +87,15 @@ class Session:
             run.outcome = answer.outcome
             run.result = answer.result.to_plain()
             run.ended_ns = time.time_ns()
+            if answer.outcome == "timeout":
+                await self._look_at_hanging()
         for link in self._programs.links:
             self._record.processes.append(await link)
+
+    async def _look_at_hanging(self) -> None:
+        """Record at which lines the student's programs stand when something did not come in time."""
+        sandbox = self._programs.sandbox
+        await sandbox.stacks.look(sandbox.students(), hang=True)
 
     async def _stop_for_time(self) -> None:
         """End the student's processes after each step has waited as long as it may."""
@@ -100,6 +107,7 @@ class Session:
         if not alive or self._machine_stalled(run.ended_ns):
             problem = f"the session took longer than {self._plan.timeout_s:g} s and was stopped"
             self._record.problems.append(problem)
+        await self._look_at_hanging()
         for process in alive:
             await process.kill(limit="time")
 

@@ -35,6 +35,7 @@ from grader.live.sandbox.room import (
     StudentRoom,
 )
 from grader.live.session.plan import SessionPlan
+from grader.live.session.stack_watch import StackWatch
 from grader.live.student_tap.claims import claims_in
 from grader.recording.session import Claim, ProcessRun
 from grader.submission.beneath import copy_tree, restore_way
@@ -80,6 +81,7 @@ class StudentSandbox:
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._taps: dict[str, PipeReader] = {}
+        self.stacks = StackWatch(plan.record, self._tapped, self._above)
         self._output = OutputRoom()
         self._group = sandbox_cgroup(plan.isolation, plan.slot)
         self.guard = Guard(
@@ -235,7 +237,17 @@ class StudentSandbox:
         self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
 
     def _claims_in(self, process: str, text: str) -> list[Claim]:
-        return claims_in(text, process, f"{self.seen[WORKSPACE]}/src/")
+        return claims_in(text, process, self._above)
+
+    @property
+    def _above(self) -> str:
+        """The beginning of the paths of the submission's files."""
+        return f"{self.seen[WORKSPACE]}/src/"
+
+    def _tapped(self, process: str) -> str:
+        """Return the text of a program's tap until now; empty without a tap, or after its end."""
+        tap = self._taps.get(process)
+        return tap.so_far() if tap is not None else ""
 
     def claims_so_far(self) -> list[Claim]:
         """Return the claims of all processes of the student until now, also of running ones."""

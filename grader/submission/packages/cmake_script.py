@@ -10,6 +10,7 @@ import posixpath
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 _COMMAND = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]{0,10000})\)")
@@ -84,6 +85,23 @@ def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Insta
         if named <= _MOST_WORDS and not command.is_unknown:
             files = _files_of(command, paths)
         yield Installed(is_programs, files)
+
+
+#: Commands that compile an executable; its name is the first word.
+_COMPILING = ("add_executable", "ament_auto_add_executable")
+
+
+def compiled_executables(text: str, package: str) -> list[str]:
+    """Return the executables that a `CMakeLists.txt` compiles; a name that only CMake can tell has a `$`."""
+    found = []
+    for name, words in commands_of(text, package):
+        if name in _COMPILING:
+            found += words[:1]
+        elif name == "rclcpp_components_register_node":
+            for word, following in pairwise(words):
+                if word == "EXECUTABLE":
+                    found.append(following)
+    return found
 
 
 def _installing(name: str, words: list[str], package: str) -> _Command | None:

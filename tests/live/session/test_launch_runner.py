@@ -24,7 +24,7 @@ from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.session import ProcessRun, SessionRecord
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.submission.packages.colcon import find_packages
-from launch_plan.plan import Plan, Problem
+from launch_plan.plan import Plan, Problem, Process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -194,3 +194,27 @@ def test_among_many_names_the_meant_one_is_soon_found(runner: LaunchRunner) -> N
     began_s = time.process_time()
     assert runner._repair(Problem("undefined_configuration", f"'{'a' * 60}'"), known, {}, set())
     assert time.process_time() - began_s < 3.0
+
+
+def test_a_launched_process_has_the_sessions_own_variables(runner: LaunchRunner) -> None:
+    """Other variables of the launch file reach it."""
+    env = {"ROS_DOMAIN_ID": "30", "RMW_IMPLEMENTATION": "rmw_x", "ROBOT": "arm"}
+    assert runner._environment(Process("talk-1", "/talk", env=env)) == {"ROBOT": "arm"}
+
+
+def test_a_prefix_that_cannot_run_here_is_left_out(runner: LaunchRunner) -> None:
+    """A terminal, a debugger and a missing program are left out; a program that is here runs."""
+    prefixes = {
+        "a": ("no_such_terminal", "-e"),
+        "b": ("env", "gdb", "-ex", "run", "--args"),
+        "c": ("/usr/bin/xterm", "-e"),
+        "d": ("env", "ROBOT=arm"),
+        "e": (),
+    }
+    processes = tuple(Process(id_, "/talk", prefix=words) for id_, words in prefixes.items())
+    left_out = runner._prefixes_left_out(Plan("ok", processes=processes))
+    assert left_out == {
+        "a": "no_such_terminal -e",
+        "b": "env gdb -ex run --args",
+        "c": "/usr/bin/xterm -e",
+    }

@@ -464,6 +464,19 @@ def test_statistics_must_come_after_a_shorter_run_too(
     assert ("stopped after 50 reports" in finding.reason) == (credit != "1")
 
 
+def test_reports_of_a_status_line_count_one_by_one(tmp_path: Path) -> None:
+    """A carriage return ends a report, and the source line of a traceback is none."""
+    session = with_reports(*stimulus(tmp_path))
+    mean = float(np.abs(history(100)).mean())
+    session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
+    traceback = ["Traceback (most recent call last):", '  File "it.py", line 3', "    RMS: 0.1"]
+    for text, more, credit in (("\rRMS: 0.1" * 50, [], "0.5"), ("RMS: 0.1", traceback * 20, "1")):
+        other = Session(tmp_path / credit, "other")
+        other.process("joint_subscriber-2", [text, *more], artifact=None)
+        finding = judged(REPORTED_STATISTICS, SHORTER, session, others={"other": other.recorded()})
+        assert finding.credit == Decimal(credit)
+
+
 def test_another_number_of_joints_fails(tmp_path: Path) -> None:
     """Six right numbers are not seven."""
     finding = printed(tmp_path, float(np.abs(history(100)).mean()), 6)

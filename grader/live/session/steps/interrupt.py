@@ -6,6 +6,7 @@ import asyncio
 
 from grader.lab.steps.base import Answer
 from grader.lab.steps.interrupt import InterruptResult, InterruptStep
+from grader.live.process.process import RunningProcess
 from grader.live.session.programs import Programs
 
 _FORCED = ("terminate", "kill")
@@ -19,7 +20,13 @@ async def interrupt(programs: Programs, step: InterruptStep) -> Answer:
     else:
         chosen = [process for process in chosen if process.run.name == step.process]
     alive = [process for process in chosen if process.alive]
-    await asyncio.gather(*(process.stop(step.timeout_s) for process in alive))
+    stacks = programs.sandbox.stacks
+    await stacks.look(alive, hang=False)
+
+    async def stop(process: RunningProcess) -> None:
+        await process.stop(step.timeout_s, lambda: stacks.look([process], hang=True))
+
+    await asyncio.gather(*map(stop, alive))
     for process in alive:
         run = process.run
         if run.interrupted_ns is None and run.ended_by in _FORCED:

@@ -1,15 +1,21 @@
 """The tap: notes the endpoints that a student's node requests from rclpy, with their source lines.
 
-The tap changes four things of a program: the number of cores that Python reports, the time at which modules are imported
+The tap changes five things of a program: the number of cores that Python reports, the time at which modules are imported
 that ROS 2 itself seldom uses (NumPy is most of a third of a node's start), the number of look-ups of a file's path
-by rclpy's logger, and `with rclpy.init():`, which works and is noted on a ROS 2 that does not know it yet.
+by rclpy's logger, `with rclpy.init():`, which works and is noted on a ROS 2 that does not know it yet, and the
+session's own variables, such as ROS_DOMAIN_ID, which keep their values.
 
 Discovery carries neither history nor depth, and no lines. The tap therefore wraps a few methods of rclpy's classes when
 their modules are imported, and writes one JSON line a call to the descriptor in GRADER_TAP_FD: a claim, no evidence.
 Programs that the node's process starts, such as workers of `multiprocessing`, open the same pipe by GRADER_TAP_PIPE.
+
+Two signals make `faulthandler` write the stacks of the process to the same pipe, for the line at which a program hangs.
+This works while the program holds the interpreter's lock, waits in a library, or handles other signals itself.
 """
 
+import _signal
 import builtins
+import faulthandler
 import importlib.machinery
 import json
 import os
@@ -32,6 +38,12 @@ def _descriptor():
 _STARTED = "GRADER_TAP_FD" in os.environ
 _FD = _descriptor()
 _LIMIT = 1000
+#: Variables of the session: the first characters of their names, and value by name.
+_SESSIONS = json.loads(os.environ.get("GRADER_SESSION_VARIABLES", "{}"))
+_PREFIXES = tuple(_SESSIONS.get("prefixes", ()))
+_VALUES = _SESSIONS.get("values", {})
+#: Signals for the stacks of all threads and of the main thread alone; `stacks.py` beside this folder sends them.
+_ALL_THREADS, _MAIN_THREAD = _signal.SIGRTMAX - 4, _signal.SIGRTMAX - 5
 _LATE = vars(builtins).copy()
 #: Message in the type of each service, six of them in a node; only introspection uses it.
 _EACH_NODES = "service_msgs.msg._service_event_info"
@@ -197,12 +209,65 @@ def _give_context_manager(rclpy):
     rclpy.init = initialised
 
 
+def _keep_sessions_variables(module):
+    """Let each context of rclpy have the session's domain, RMW and settings of DDS."""
+    import functools
+
+    init = module.Context.init
+
+    @functools.wraps(init)
+    def initialised(self, *args, **kwargs):
+        _restore_variables()
+        domain = kwargs.get("domain_id")
+        if isinstance(domain, int):
+            del kwargs["domain_id"]
+            if str(domain) != _VALUES.get("ROS_DOMAIN_ID"):
+                _note_variable("ROS_DOMAIN_ID", str(domain))
+        return init(self, *args, **kwargs)
+
+    module.Context.init = initialised
+
+
+def _restore_variables():
+    """Give the session's variables their values again, and note each other value."""
+    for name, value in list(os.environ.items()):
+        if not name.startswith(_PREFIXES):
+            continue
+        if _VALUES.get(name) != value:
+            _note_variable(name, value)
+            del os.environ[name]
+    os.environ.update(_VALUES)
+
+
+def _is_loading(file):
+    """Tell whether a file is the tap, rclpy, or Python's own code for imports."""
+    if "/rclpy/" in file:
+        return True
+    return file.startswith(("<frozen ", __file__))
+
+
+def _note_variable(name, value):
+    """Note a value in the program, with the nearest line outside of rclpy."""
+    frame = sys._getframe(1)
+    while _is_loading(frame.f_code.co_filename):
+        frame = frame.f_back
+    note = {"kind": "session_variable", "file": frame.f_code.co_filename, "line": frame.f_lineno}
+    note.update(name=name[:100], node="", value=value[:200])
+    os.write(_FD, (json.dumps(note) + "\n").encode())
+
+
 #: Module -> its change once it is there.
-_CHANGED = {"rclpy": _give_context_manager, "rclpy.impl.rcutils_logger": _remember_files}
+_CHANGED = {
+    "rclpy": _give_context_manager,
+    "rclpy.context": _keep_sessions_variables,
+    "rclpy.impl.rcutils_logger": _remember_files,
+}
 
 
 class _NodeFinder:
     def find_spec(self, name, path, target=None):
+        if name == "rclpy":
+            _restore_variables()  # Its libraries read RMW_IMPLEMENTATION when they are loaded.
         # Finding a module imports its packages, which can be in _WRAPPED too.
         wrapped = _WRAPPED.pop(name, {})
         late = name == "rclpy.parameter" or ".msg._" in name
@@ -246,6 +311,12 @@ def _generate_py(*args, **kwargs):
     return importlib.import_module(_generator.__name__).generate_py(*args, **kwargs)
 
 
+def _answer_for_stacks():
+    """Write stacks when the grader asks for them."""
+    faulthandler.register(_ALL_THREADS, file=_FD, all_threads=True)
+    faulthandler.register(_MAIN_THREAD, file=_FD, all_threads=False)
+
+
 _keep_cores()
 _LATE["__import__"] = _import_late
 _generator = sys.modules["rosidl_generator_py.generate_py_impl"] = type(sys)(
@@ -256,4 +327,5 @@ if _STARTED:
     # Python itself has started: whatever happens from here on is the student's doing.
     os.write(_FD, b'{"kind": "started"}\n')
 if _FD >= 0:
+    _answer_for_stacks()
     sys.meta_path.insert(0, _NodeFinder())

@@ -1,0 +1,77 @@
+"""Compiled programs of a submission, which are not assessable here unless their package was built."""
+
+from __future__ import annotations
+
+import re
+
+from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
+from grader.submission.packages.cmake_script import compiled_executables
+
+_MISSING = re.compile(r'package\s+configuration\s+file\s+provided\s+by\s+"([\w-]{1,100})"')
+#: Endings of launch files, which no compiler makes.
+_LAUNCH = re.compile(r"launch\.(py|xml|ya?ml)$")
+
+
+def missing_here(build: BuildFact) -> str:
+    """Return the package that CMake did not find in a failed build; empty if it failed by another fault."""
+    if build.outcome != "failed":
+        return ""
+    match = _MISSING.search(build.output)
+    return match[1] if match is not None else ""
+
+
+def why_not_built(build: BuildFact | None) -> str:
+    """Say why a package could not be built here; empty if it was built, or failed by its own fault."""
+    if build is None:
+        return "the grading computer lacks colcon or a sandbox for it"
+    if build.outcome == "not built":
+        return build.reason
+    missing = missing_here(build)
+    if missing:
+        return f"the grading computer lacks the package {missing}"
+    return ""
+
+
+def unbuilt_programs(submission: SubmissionRecord) -> dict[str, PackageFact]:
+    """Return the compiled executables of packages that could not be built here: name -> package."""
+    found = {}
+    for package in submission.packages:
+        if not why_not_built(submission.build_of(package)):
+            continue
+        path = f"{package.path}/CMakeLists.txt".lstrip("/")
+        for name in compiled_executables(submission.texts.get(path, ""), package.name):
+            found[name] = package
+    return found
+
+
+def not_assessable(submission: SubmissionRecord, package: PackageFact, program: str) -> str:
+    """Say that a compiled program is not assessable here."""
+    why = why_not_built(submission.build_of(package))
+    return (
+        f"{program} is compiled by the package {package.name}, which was not built: {why}. "
+        "Your instructor decides."
+    )
+
+
+def unbuilt_program_for(submission: SubmissionRecord, expected: str) -> str:
+    """Say that a missing Python program may be a compiled one; empty if no such program is in the submission.
+
+    A compiled program with the name of another artifact stands for that artifact alone.
+
+    Parameters
+    ----------
+    expected
+        Name of the missing file, such as `talker.py`.
+    """
+    if not expected.endswith(".py") or _LAUNCH.search(expected):
+        return ""
+    programs = unbuilt_programs(submission)
+    for artifact in submission.artifacts:
+        if artifact.expected != expected:
+            programs.pop(artifact.expected.removesuffix(".py"), None)
+    if not programs:
+        return ""
+    wanted = expected.removesuffix(".py")
+    name = wanted if wanted in programs else next(iter(programs))
+    reason = not_assessable(submission, programs[name], name)
+    return f"There is no {expected}, and {reason}"

@@ -1,0 +1,275 @@
+"""Builds the packages of a submission, and records their outcomes; a cache of the user keeps these."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path, PurePosixPath
+
+from confine.helpers import find_tool
+from confine.interpreters import OWN_INTERPRETER
+from confine.isolation import Isolation
+from confine.scratch import scratch_prefix
+from grader.files import replace_file
+from grader.live.builds import colcon
+from grader.live.builds.colcon import Installed, Ran
+from grader.live.sandbox.cache import cache_folder
+from grader.live.sandbox.room import WORKSPACE, StudentRoom, made_room
+from grader.recording.record import from_plain
+from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
+
+#: Characters of the output of one package that are recorded.
+_MOST_OUTPUT = 8000
+#: Installed files of one package that are recorded.
+_MOST_INSTALLED = 1000
+_MOST_CACHED = 2000
+#: Lines of colcon around the output of a package.
+_BEGINS = re.compile(r"^Starting >>> (\S+)\s*$")
+_ENDS = re.compile(r"^(Finished|Failed|Aborted)\s+<<< (\S+) \[")
+#: Beginnings of files that the system can start: a script, a program of Linux.
+_STARTED = (b"#!", b"\x7fELF")
+#: Lines of setuptools and colcon without a problem in them.
+_NOISE = re.compile(
+    r"(running|creating|copying|writing|reading|Copying|Installing|adding|removing) "
+    r"|.*(byte-compiling is disabled|doesn't contain any 'local_setup)|\s*$"
+)
+#: Build type -> package of ROS that it needs.
+_BUILD_TOOLS = {"ament_cmake": "ament_cmake_core"}
+
+
+def build_packages(
+    folder: Path, submission: SubmissionRecord, isolation: Isolation, time_s: float
+) -> list[BuildFact] | None:
+    """Return the builds of a submission's packages; None if this machine cannot build.
+
+    Parameters
+    ----------
+    folder
+        Files of the submission.
+    isolation
+        Confinement of the builds; without namespaces nothing is built.
+    time_s
+        Time for all of its packages.
+    """
+    if not submission.packages or not can_build(isolation):
+        return None
+    missing = _without_tool(submission)
+    others = [each for each in submission.packages if each not in missing]
+    facts = [_lacks_tool(package) for package in missing]
+    if not others:
+        return facts
+    sources = _sources(submission, others)
+    cached = cache_folder("builds") / f"{_key(others, sources)}.json"
+    found = _from_cache(cached)
+    if found is None:
+        found = _build(folder, others, sources, isolation, time_s)
+        if all(fact.outcome != "not built" for fact in found):
+            _keep(cached, found)
+    return facts + found
+
+
+def can_build(isolation: Isolation) -> bool:
+    """Return whether packages are built here: by colcon, in a sandbox that nothing outlives."""
+    return isolation.namespaces and not colcon.lacking_builder()
+
+
+def _is_here(package: str) -> bool:
+    """Return whether a package of ROS is installed here."""
+    return Path(sys.prefix, "share", package).is_dir()
+
+
+def _without_tool(submission: SubmissionRecord) -> list[PackageFact]:
+    """Return the packages of a build type whose tool is missing here."""
+    missing = []
+    for package in submission.packages:
+        tool = _BUILD_TOOLS.get(package.build_type)
+        if tool is None or _is_here(tool):
+            continue
+        if not _lacks_script(package, submission):
+            missing.append(package)
+    return missing
+
+
+def _lacks_script(package: PackageFact, submission: SubmissionRecord) -> bool:
+    """Return whether CMake, if it is here, surely stops for want of a CMakeLists.txt."""
+    if find_tool("cmake") is None:
+        return False
+    script = f"{package.path}/CMakeLists.txt".lstrip("/")
+    return all(file.path != script for file in submission.files)
+
+
+def _lacks_tool(package: PackageFact) -> BuildFact:
+    reason = f"the grading computer lacks {package.build_type}, which builds it"
+    return BuildFact(package.name, package.path, "not built", reason)
+
+
+def _sources(submission: SubmissionRecord, packages: Iterable[PackageFact]) -> dict[str, str]:
+    """Return the files of some packages with their hashes, except files of packages inside of them."""
+    folders = {PurePosixPath(package.path) for package in submission.packages}
+    wanted = {PurePosixPath(package.path) for package in packages}
+    found = {}
+    for file in submission.files:
+        path = PurePosixPath(file.path)
+        owners = [folder for folder in folders if path.is_relative_to(folder)]
+        owner = max(owners, key=lambda folder: len(folder.parts), default=None)
+        is_marker = path.name == "COLCON_IGNORE"
+        if is_marker or owner in wanted:
+            found[file.path] = file.sha256
+    return found
+
+
+def _key(packages: Iterable[PackageFact], sources: Mapping[str, str]) -> str:
+    """Return a hash of everything on which the outcome depends."""
+    named = [(package.name, package.path) for package in packages]
+    how = [Path(module).read_text(encoding="utf-8") for module in (__file__, colcon.__file__)]
+    whole = json.dumps([named, sorted(sources.items()), colcon.builder_versions(), how])
+    return hashlib.sha256(whole.encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def _build(
+    folder: Path,
+    packages: Iterable[PackageFact],
+    sources: Iterable[str],
+    isolation: Isolation,
+    time_s: float,
+) -> list[BuildFact]:
+    """Build packages in a throw-away workspace."""
+    with tempfile.TemporaryDirectory(
+        prefix=scratch_prefix(), ignore_cleanup_errors=True
+    ) as scratch:
+        room = made_room(Path(scratch), OWN_INTERPRETER)
+        workspace = room.areas[WORKSPACE]
+        room.open_to_all(WORKSPACE)
+        _copy(folder, sources, workspace / "src")
+        ran = colcon.run_colcon(isolation, room, time_s)
+        parts = _parts_of(ran.output)
+        facts = []
+        for package in packages:
+            facts.append(_fact(package, ran, parts, room))
+    return facts
+
+
+def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
+    """Copy files, open to the user of a sandbox."""
+    target.mkdir()
+    for name in sources:
+        origin = folder / name
+        if origin.is_symlink() or not origin.is_file():
+            continue
+        copy = target / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(origin, copy, follow_symlinks=False)
+    for path in (target, *target.rglob("*")):
+        path.chmod(0o777 if path.is_dir() else 0o666)
+
+
+def _parts_of(output: str) -> dict[str, tuple[str, str]]:
+    """Return for each package the word by which its build ended, and its part of the output.
+
+    A setup.py can print the line of a success, but not take back the line of a failure: that one counts.
+    """
+    parts: dict[str, tuple[str, str]] = {}
+    name = ""
+    lines: list[str] = []
+    for line in output.splitlines():
+        begins = _BEGINS.match(line)
+        ends = _ENDS.match(line)
+        if begins is not None:
+            name = begins[1]
+            lines = []
+        elif ends is not None and ends[2] == name:
+            _end(parts, name, ends[1], lines)
+        else:
+            lines.append(line)
+    if name and name not in parts:
+        parts[name] = ("", "\n".join(lines))
+    return parts
+
+
+def _end(parts: dict[str, tuple[str, str]], name: str, word: str, lines: list[str]) -> None:
+    """Note the end of a package's build, unless it failed before."""
+    before = parts.get(name)
+    if before is None or before[0] == "Finished":
+        parts[name] = (word, "\n".join(lines))
+
+
+def _fact(
+    package: PackageFact, ran: Ran, parts: Mapping[str, tuple[str, str]], room: StudentRoom
+) -> BuildFact:
+    """Return the build of a package, by the run of colcon and the files that it left."""
+    fact = BuildFact(package.name, package.path, "not built")
+    folder = PurePosixPath("src", package.path)
+    if any(_has_marker(room.areas[WORKSPACE] / above) for above in (folder, *folder.parents)):
+        fact.outcome = "ignored"
+        return fact
+    ended, output = parts.get(package.name, ("", ran.output))
+    fact.output = _shortened(output)
+    is_consistent = ran.status == 0 or any(word != "Finished" for word, _ in parts.values())
+    if ended == "Finished" and is_consistent:
+        fact.outcome = "built"
+        prefix = room.areas[WORKSPACE] / "install" / package.name
+        _note_installed(fact, colcon.installed_in(prefix, _MOST_INSTALLED))
+    elif ran.ended_by == "time":
+        fact.reason = "its build did not end in the time that the lab gives it"
+    elif ran.ended_by == "space":
+        fact.outcome = "failed"
+        fact.output = "The build wrote more files than fit into its workspace."
+    elif ended or ran.status:
+        fact.outcome = "failed"
+    else:
+        fact.outcome = "ignored"
+    return fact
+
+
+def _has_marker(folder: Path) -> bool:
+    """Return whether colcon skips a folder and everything below it."""
+    return os.path.lexists(folder / "COLCON_IGNORE")
+
+
+def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
+    """Note the installed files of a package, and the executables that the system cannot start."""
+    for file in files:
+        fact.installed.append(file.path)
+        in_folder = file.path.startswith(f"lib/{fact.package}/")
+        if in_folder and not file.head.startswith(_STARTED):
+            fact.without_interpreter.append(file.path)
+
+
+def _shortened(output: str) -> str:
+    """Return the lines of an output with problems; beginning and end of a long one."""
+    lines = [line for line in output.splitlines() if not _NOISE.match(line)]
+    output = "\n".join(lines)
+    if len(output) <= _MOST_OUTPUT:
+        return output
+    half = _MOST_OUTPUT // 2
+    return f"{output[:half]}\n[...]\n{output[-half:]}"
+
+
+# -- the cache -------------------------------------------------------------------------------------
+
+
+def _from_cache(cached: Path) -> list[BuildFact] | None:
+    """Return builds from the cache; None if it has none."""
+    try:
+        plain = json.loads(cached.read_text(encoding="utf-8"))
+        return [from_plain(BuildFact, fact) for fact in plain]
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def _keep(cached: Path, facts: Iterable[BuildFact]) -> None:
+    """Keep builds in the cache; without a home folder, nothing is kept."""
+    with suppress(OSError):
+        cached.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        replace_file(cached, json.dumps([asdict(fact) for fact in facts]))
+        entries = sorted(cached.parent.glob("*.json"), key=lambda path: path.stat().st_mtime)
+        for old in entries[:-_MOST_CACHED]:
+            old.unlink()

@@ -1,0 +1,93 @@
+"""Compiled programs that are not assessable here."""
+
+from __future__ import annotations
+
+import pytest
+
+from grader.evidence.compiled import (
+    missing_here,
+    unbuilt_program_for,
+    unbuilt_programs,
+    why_not_built,
+)
+from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
+from tests.synthetic import submission
+
+SCRIPT = """\
+find_package(rclcpp REQUIRED)
+set(NAME listener)
+add_executable(talker src/talker.cpp)  # the first
+ament_auto_add_executable(${NAME} src/listener.cpp)
+rclcpp_components_register_node(parts PLUGIN "a::B" EXECUTABLE part)
+foreach(each a b)
+  add_executable(${each}_node src/${each}.cpp)
+endforeach()
+"""
+#: Words of CMake 3.25, which breaks lines anywhere.
+LACKS = """\
+CMake Error at CMakeLists.txt:1 (find_package):
+  asked CMake to find a package configuration file provided by
+  "{name}", but CMake did not find one.
+"""
+
+
+def handed_in(build: BuildFact | None = None) -> SubmissionRecord:
+    """Give a submission with a package in C++, and its build."""
+    record = submission({"arm/CMakeLists.txt": SCRIPT})
+    record.packages = [PackageFact("arm", "arm", "ament_cmake")]
+    record.builds = [build] if build is not None else None
+    return record
+
+
+@pytest.mark.parametrize(
+    ("build", "is_open"),
+    [
+        (None, True),
+        (BuildFact("arm", "arm", "not built", "no tool"), True),
+        (BuildFact("arm", "arm", "failed", output=LACKS.format(name="rclcpp")), True),
+        (BuildFact("arm", "arm", "failed", output="error: x"), False),
+        (BuildFact("arm", "arm", "built"), False),
+    ],
+)
+def test_programs_of_a_package_that_cannot_be_built_here(
+    build: BuildFact | None, is_open: bool
+) -> None:
+    """A missing package is no fault for sure; each other failure is one."""
+    record = handed_in(build)
+    names = ["talker", "listener", "part", "${each}_node"]
+    assert list(unbuilt_programs(record)) == names * is_open
+    assert bool(why_not_built(build)) == is_open
+    if build is not None:
+        assert bool(missing_here(build)) == (is_open and build.outcome == "failed")
+
+
+@pytest.mark.parametrize(
+    ("expected", "words"),
+    [
+        ("listener.py", "There is no listener.py, and listener is compiled by the package arm"),
+        ("other.py", "There is no other.py, and talker is compiled"),
+        ("arm_launch.py", ""),
+        ("arm.launch.py", ""),
+        ("README.md", ""),
+    ],
+)
+def test_a_missing_python_program_may_be_a_compiled_one(expected: str, words: str) -> None:
+    """A missing program is open if the submission compiles programs; a missing launch file or text is not."""
+    found = unbuilt_program_for(handed_in(), expected)
+    assert found.startswith(words)
+    assert bool(found) == bool(words)
+
+
+def test_a_program_with_the_name_of_another_artifact_is_no_substitute() -> None:
+    """A missing file is charged if each compiled program stands for another one."""
+    record = submission(
+        {"arm/CMakeLists.txt": "add_executable(talker a.cpp)"}, talker=None, other=None
+    )
+    record.packages = [PackageFact("arm", "arm", "ament_cmake")]
+    assert unbuilt_program_for(record, "talker.py")
+    assert unbuilt_program_for(record, "other.py") == ""
+
+
+def test_without_compiled_programs_nothing_is_open() -> None:
+    """A submission in Python alone has no excuse for a missing file."""
+    assert unbuilt_program_for(submission(), "talker.py") == ""
