@@ -16,7 +16,7 @@ from tests.live.attacks import HONEST, SOLUTION, Attack, read_corpus  # noqa: E4
 
 PARTS = {"results", "processes", "network", "ros", "intake", "report"}
 LEAST_ATTACKS = 55
-LIMITS = {"memory", "processes", "disk", "files", "output", "recording", "time"}
+LIMITS = {"memory", "processes", "disk", "files", "output", "recording", "computing", "time"}
 
 
 @pytest.fixture(scope="module")
