@@ -1,7 +1,7 @@
 """Interface for a lab's own checks: import it in a file beside the rubric.
 
 A check is a pure function of a recording. The rubric names it by its file, `check: checks/mine.py:keeps_away`, and its
-parameters are given under `with`, as those of the built-in checks do:
+parameters are given under `with`, as for the built-in checks:
 
     from dataclasses import dataclass
 

@@ -169,8 +169,8 @@ class Finding:
     #: Share of the credit that checks which require this one can earn; None if the outcome tells. It is 0 if nothing
     #: reaches the program although this check earns a part, and 0.75 if a failed file was repaired on a copy.
     passes_on: Decimal | None = None
-    #: True if an endpoint is in the graph and sent nothing: of the checks that require this one, those of endpoints
-    #: can be judged.
+    #: True if an endpoint is in the graph and sent nothing. Checks of endpoints that require this one can be
+    #: judged.
     is_silent: bool = False
     #: Names of the mistakes behind the loss; the dearest check of each name charges it.
     causes: tuple[str, ...] = ()

@@ -39,7 +39,7 @@ _FeedbackField = Annotated[str, ref.fields_of_type("_Feedback", "step")]
 
 
 class ActionPart(Parameters):
-    """A part of what is asked of an action's server."""
+    """A part of the demands on an action's server."""
 
     weight: float = Field(1.0, gt=0, description="How much it counts beside the other parts.")
 
@@ -68,7 +68,7 @@ class FeedbackWanted(OfGoal):
 
 
 class ResultWanted(OfGoal):
-    """Values in the result, each of which counts the same."""
+    """Values in the result, all with the same weight."""
 
     values: Annotated[Mapping[str, Any], ref.fields_of_type("_Result", "step")] = Field(
         min_length=1
@@ -77,7 +77,7 @@ class ResultWanted(OfGoal):
 
 
 class StatusWanted(OfGoal):
-    """The status in which a goal ends."""
+    """The status of a goal at its end."""
 
     status: Status = "succeeded"
 

@@ -211,7 +211,7 @@ def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
 
 
 def _owner(context: Context, artifact: str) -> PackageFact | None:
-    """Return the package in whose folder an artifact's file lies."""
+    """Return the package with an artifact's file in its folder."""
     path = context.path_of(artifact) or ""
     owners = []
     for package in context.submission.packages:

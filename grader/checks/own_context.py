@@ -66,7 +66,7 @@ class Messages:
 
 @dataclass(frozen=True)
 class Series:
-    """Numbers in a field of a topic's messages, in the order in which the messages were sent.
+    """Numbers in a field of a topic's messages, in the order of sending.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Run:
         Parameters
         ----------
         labels
-            Words for the label in the order in which they are tried, in any case.
+            Words for the label in the order of the trials, in any case.
         unless
             Pattern in front of the numbers that tells that they are of something else.
         """
@@ -453,7 +453,7 @@ class Context(Submission):
         return self._session.machine_delay_s(run._recorded, self._span_of(start_s, end_s))
 
     def stalled_s(self, start_s: float, end_s: float) -> float:
-        """Return the time within a span in which the grader itself stalled and read no output, in s."""
+        """Return the time of a span without reading of output because the grader itself stalled, in s."""
         return self._session.stalled_s(self._span_of(start_s, end_s))
 
     def lost_share(self, run: Run, topics: Iterable[str], sent_s: NDArray[np.float64]) -> float:

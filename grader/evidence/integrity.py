@@ -38,7 +38,7 @@ _CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 #: Services of a node for changing its parameters from other nodes.
 _CHANGING = ("set_parameters", "set_parameters_atomically")
 _MOST_NAMED = 5
-#: Share of a span for which the threads of the recorder together wait for a core on a busy machine. Beside other
+#: Share of a span that the recorder's threads together wait for a core on a busy machine. Beside other
 #: sessions of the same grading, it is 0.1.
 _BUSY = 0.2
 #: Number of recordings after which a problem no longer counts as occasional.

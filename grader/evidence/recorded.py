@@ -160,7 +160,7 @@ class Recorded:
         return Span(self._begin_ns(step, window.opened_ns), window.closed_ns)
 
     def _begin_ns(self, step: StepRun, opened_ns: int) -> int:
-        """Return when a window began: with the publication of the message for which its step waited, if it did wait."""
+        """Return when a window began: with the publication of the message that its step awaited, if any."""
         topic = step.parameters.get("first_message_on")
         if topic is None:
             return opened_ns
@@ -365,7 +365,7 @@ class Recorded:
         return tuple(found)
 
     def claims_of(self, kind: str, name: str) -> list[Claim]:
-        """Return the calls, seen by the tap, in which student's nodes asked for an endpoint in any namespace."""
+        """Return the calls of student's nodes for an endpoint in any namespace, seen by the tap."""
         plain = self.used(name).rsplit("/", 1)[-1]
         found = []
         for claim in self.record.claims:

@@ -140,7 +140,7 @@ def _gives(body: Sequence[ast.stmt]) -> bool:
 
 
 def _ways(statement: ast.stmt | None) -> Sequence[Sequence[ast.stmt]]:
-    """Return the blocks of a statement of which one is executed last."""
+    """Return the blocks of a statement, for its last executed block."""
     match statement:
         case ast.If(body=first, orelse=other):
             return [first, other]

@@ -93,7 +93,7 @@ class Timing:
         Parameters
         ----------
         excused_s
-            Sum of delays on the way of which only the sum is known; as many of the latest samples are left out.
+            Sum of delays on the way with unknown single values; as many of the latest samples are left out.
         delays
             Delays of each process on the way; they excuse samples within them.
 

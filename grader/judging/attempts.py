@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 #: Most retries of a session with undecided checks, each alone.
 RETRIES = 2
-#: Folder of the recordings of a retry, beside those of the attempt before.
+#: Folder of the recordings of a retry, beside the recordings of the attempt before.
 _RETRY = ".retry"
 
 
@@ -32,8 +32,8 @@ def retry_undecided(
     Parameters
     ----------
     record
-        Records sessions into a folder, with the number of the attempt. Its last argument names the sessions in which
-        the grader was interfered with.
+        Records sessions into a folder, with the number of the attempt. Its last argument names the sessions with
+        interference with the grader.
     judged
         Judges the recordings as they are.
     """
@@ -65,7 +65,7 @@ def _times_recorded(recordings: Path, chosen: Sequence[str]) -> int:
 
 
 def _disturbed(result: Result) -> frozenset[str]:
-    """Return the sessions in which the student's programs disturbed the recording."""
+    """Return the sessions with a recording that the student's programs disturbed."""
     return frozenset(each.session for each in result.violations if each.kind.disturbs)
 
 

@@ -1,4 +1,4 @@
-"""Recordings of other sessions as evidence for checks whose own session shows nothing."""
+"""Recordings of other sessions as evidence for checks without evidence in their own session."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _can_judge(spec: CheckSpec, other: Recorded) -> bool:
 
 
 def _passes(gate: CheckSpec, context: Context, other: Recorded) -> bool:
-    """Tell whether a recording shows what a check demands."""
+    """Tell whether a recording passes a check."""
     check = check_given(gate.check, gate.parameters)
     finding = check.judge(replace(context, recorded=other), gate.parameters)
     return finding.outcome.goes_on and not finding.is_silent

@@ -335,7 +335,7 @@ def test_a_rate_that_changes_for_good_is_judged_by_its_end(tmp_path: Path, turn_
 
 @pytest.mark.parametrize("gap_s", [(5.0, 5.4), (6.2, 6.6)], ids=["in the middle", "near the end"])
 def test_a_single_gap_is_no_change_of_the_rate(tmp_path: Path, gap_s: tuple[float, float]) -> None:
-    """It costs what it takes off the rate of the whole window."""
+    """A gap costs its share of the rate in the whole window."""
     times = [t for t in evenly(100, 6.0) if not gap_s[0] < t < gap_s[1]]
     finding = judged("topic_rate", RATE, published(tmp_path, times))
     assert finding.outcome is Outcome.PARTIAL

@@ -104,7 +104,7 @@ def test_copies_in_a_class_are_those_that_are_shown(
     programs: dict[str, Program],
     given: list[Program],
 ) -> None:
-    """Of 125 fixtures of one origin, the pairs with shared lines of their own are shown."""
+    """The pairs with shared lines of their own are shown, among 125 fixtures of one origin."""
     pairs = {frozenset(pair.names) for pair in pairs_of(list(programs.values()), given)}
     lines = {name: _lines(texts) for name, texts in class_of_fixtures.items()}
     held = Counter(chain.from_iterable(lines.values()))

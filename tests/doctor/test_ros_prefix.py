@@ -55,7 +55,7 @@ def test_a_missing_python_and_missing_packages_are_named(tmp_path: Path) -> None
 
 
 def test_a_folder_without_rclpy_or_its_middleware_cannot_run_nodes(tmp_path: Path) -> None:
-    """The examination ends where the rest would need what is missing."""
+    """The examination ends where the rest would need the missing part."""
     (only,) = examine_ros(tmp_path)
     assert (only.verdict, only.found) == (Verdict.FAIL, f"no rclpy in {tmp_path}")
     _, last = examine_ros(installation(tmp_path, "7.1.4", ("rclpy",)))

@@ -141,7 +141,7 @@ def test_a_submission_is_searched_for_what_may_be_missing() -> None:
 
 @pytest.mark.parametrize("name", ["NaN", "float_", "product"])
 def test_a_name_of_numpy_1_is_for_a_person_to_decide(name: str) -> None:
-    """ROS 2 distributions have NumPy 1, whose names the source shows; a made-up message excuses nothing."""
+    """ROS 2 distributions have NumPy 1, with the names in the source; a made-up message excuses nothing."""
     found = Diagnosis("removed-from-numpy", "", "", file="it.py", line=2, subject=name)
     record = submission({"it.py": f"import numpy as np\nx = np.{name}\n"})
     told = environment_gap(found, record, "it.py")

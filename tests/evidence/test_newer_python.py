@@ -143,7 +143,7 @@ def test_what_was_always_correct_is_not_newer(text: str) -> None:
 
 @pytest.mark.parametrize("version", ["3.12", "3.13", "3.14"])
 def test_another_parser_agrees(version: str, tmp_path: Path) -> None:
-    """Ruff's parser, which knows each version's syntax, accepts what is newer, and refuses what is broken."""
+    """Ruff's parser knows each version's syntax: it accepts newer texts, and refuses broken ones."""
     # Ruff accepts some of the defaults for every version.
     later = [text for text, needed in NEWEST.items() if needed == "3.14" > version]
     reached = [text for text, needed in NEWEST.items() if needed <= version]

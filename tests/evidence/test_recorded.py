@@ -67,7 +67,7 @@ def test_a_window_is_there_if_it_opened(tmp_path: Path) -> None:
 def test_a_window_holds_the_message_that_opened_it(
     tmp_path: Path, first_s: float, begin_s: float
 ) -> None:
-    """The director opens a window some milliseconds after the message for which it waited."""
+    """The director opens a window some milliseconds after the awaited message."""
     session = Session(tmp_path).messages("/a", [[1.0]] * 3, [first_s, first_s + 0.1, 2.5])
     session.window(1.3, 2.0)
     session.record.steps[-1].parameters = {"first_message_on": "/a"}

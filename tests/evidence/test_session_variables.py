@@ -1,4 +1,4 @@
-"""Variables of a session for which a submission asks for other values."""
+"""Variables of a session with other values in a submission."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_the_sessions_variables_are_told_by_their_names() -> None:
     ],
 )
 def test_each_way_to_set_a_variable_is_found(statement: str) -> None:
-    """The line and the value are those of the text."""
+    """The line and the value come from the text."""
     assert list(set_in(ast.parse(f"\n{statement}"), "X")) == [(2, "y")]
 
 

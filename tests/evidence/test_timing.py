@@ -91,7 +91,7 @@ def test_of_two_publishers_one_is_measured(
     phase_s: float, first: int, other: int, rate_hz: int, seed: int
 ) -> None:
     """Their samples interleave, and some are lost: the rate is of the one that sent more, or of one of two alike."""
-    # Neither overtakes the other's numbers, and a few lost samples of one do not lead to those of the other.
+    # Neither overtakes the other's numbers, and a few lost samples of one do not lead to the other's numbers.
     assume(abs(first - other) > 10)
     if rate_hz != 100:
         other += first + 5000

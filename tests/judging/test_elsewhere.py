@@ -1,4 +1,4 @@
-"""Checks whose own session shows nothing: judged by the graph, or by another session."""
+"""Checks without evidence in their own session: judged by the graph, or by another session."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_another_session_counts_where_it_shows_more(
 
 
 def test_a_fault_that_another_session_shows_is_charged(tmp_path: Path) -> None:
-    """Messages at half the rate earn nothing there either, and block what requires the rate."""
+    """Messages at half the rate earn nothing there either, and block the checks that require the rate."""
     alone = session(tmp_path, "alone", 0)
     findings = judged(tmp_path, alone, session(tmp_path, "together", 5))
     assert credits_of(findings) == ["0.2", "0", "0", "1"]

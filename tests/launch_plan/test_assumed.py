@@ -9,7 +9,7 @@ FILE = "/**:\n  ros__parameters:\n    a: {a}\n    b: 2\n"
 
 
 def plan(value: str, *, alone: bool = False) -> Plan:
-    """A plan in which a file, a rule and the name of a frame depend on a value."""
+    """A plan with a file, a rule and a frame's name that depend on a value."""
     text = FILE.format(a=f"'{value}'")
     if alone:
         text = text.replace("    b: 2\n", "")

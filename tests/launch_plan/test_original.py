@@ -169,7 +169,7 @@ defined = {
 is_idle = lambda value: type(value).__name__ == "_Unevaluated"
 print(json.dumps([n for n, value in found.items() if is_idle(value) and n.rpartition(".")[2] in defined]))
 """
-#: Modules whose list of exported names holds one that they lack, so that an import of `*` fails.
+#: Modules with a missing name in their list of exports, so that an import of `*` fails.
 WRONG_LISTS = {"launch_ros.utilities"}
 #: A module with the names of another one of Python, which the stand-in does not have.
 HANDLERS = "launch.logging.handlers"

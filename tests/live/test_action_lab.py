@@ -1,4 +1,4 @@
-"""The lab with an action, live: the solution, and servers whose mistakes show late."""
+"""The lab with an action, live: the solution, and servers with mistakes that show late."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def hang_of(
     Parameters
     ----------
     stacks
-        Stacks of one program. Those of one question are taken twice, a moment apart; a function counts that is in both.
+        Stacks of one program. Each question takes its stacks twice, a moment apart; a function counts that is in both.
     root_files
         Files of the submission, relative to its root.
     texts
@@ -149,7 +149,7 @@ def _waiting_call(place: _Place, at: str, is_whole: bool) -> Diagnosis | None:
 def _other_line(
     place: _Place, at: str, is_whole: bool, texts: Mapping[str, str]
 ) -> Diagnosis | None:
-    """Return the line at which a callback does not go on, or a program in which nothing spins."""
+    """Return the line at which a callback does not go on, or a program without a spinning node."""
     code = f"`{_source_line(texts.get(place.file, ''), place.line)}`"
     if place.in_callback:
         problem = f"The callback {at} had not returned when the grader looked: it was at {code}."

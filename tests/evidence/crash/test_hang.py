@@ -88,7 +88,7 @@ def test_a_program_that_never_spins_is_named(inner: list[str], kind: str, words:
 
 
 def test_a_node_that_spins_does_not_hang() -> None:
-    """It waits for work, which a second look confirms."""
+    """An idle program waits for work; a second look confirms this."""
     assert hang_of(looks(frames(*SPIN)), FILES, TEXTS) is None
     assert hang_of([], FILES, TEXTS) is None
 

@@ -62,7 +62,7 @@ def test_one_fraction_tells_of_the_decimal_comma() -> None:
 
 
 def test_lines_of_a_traceback_are_left_out() -> None:
-    """Neither the code in it nor the message is output of the program; what stands around and between is."""
+    """Neither the code in it nor the message is output of the program; the lines around and between are."""
     first, *rest = TRACEBACK.split("\n")
     between = "[INFO] [1.5] [arm]: RMS: 0.2"
     assert texts_of("RMS: 0.1", first, between, *rest, "RMS: 0.3") == [
@@ -75,7 +75,7 @@ def test_lines_of_a_traceback_are_left_out() -> None:
 
 
 def test_plain_output_keeps_tracebacks() -> None:
-    """They matter where it is asked why a program ended."""
+    """Tracebacks matter to the question why a program ended."""
     lines = TRACEBACK.split("\n")
     assert [line.text for line in plain_output(said(*lines))] == lines
 

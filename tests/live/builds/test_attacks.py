@@ -21,7 +21,7 @@ __all__ = ["cache", "isolation"]
 
 
 def attacked(folder: Path, isolation: Isolation, attack: str, **more: str) -> BuildFact:
-    """Build a package whose setup.py attacks first."""
+    """Build a package with a setup.py that attacks first."""
     write(folder / "ws", {**PACKAGE, "setup.py": f"{attack}\n{SETUP}", **more})
     (fact,) = built(folder / "ws", isolation)
     return fact

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 
 pytestmark = pytest.mark.live
 
-#: A reference node whose standard input says when it is read.
+#: A reference node with a standard input that says when it is read.
 _NODE = """
 import io
 import sys

@@ -36,7 +36,7 @@ class Mode(Node):
 rclpy.init()
 rclpy.spin(Mode())
 """
-#: Name of a program -> what its callback does before it answers.
+#: Name of a program -> body of its callback before the answer.
 BODIES = {
     "nested": "rclpy.spin_until_future_complete(self, self.other.call_async(SetBool.Request()))",
     "call": "self.other.call(SetBool.Request())",

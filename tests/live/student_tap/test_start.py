@@ -99,7 +99,7 @@ def run_with_tap(folder: Path, code: str) -> list[str]:
 
 
 def test_numpy_is_imported_for_messages_that_need_it(tmp_path: Path) -> None:
-    """Numpy is imported before any callback, once a node makes an endpoint whose type needs numpy.
+    """Numpy is imported before any callback, once a node makes an endpoint with a type that needs numpy.
 
     All services have such a message in their type.
     """
