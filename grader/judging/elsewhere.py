@@ -31,11 +31,15 @@ def evidence_elsewhere(
     """
     for gate in _required(spec, specs):
         finding = context.findings.get(gate.id)
-        if gate.session != spec.session or finding is None or not _shows_nothing(spec, finding):
+        if gate.session != spec.session or finding is None:
+            continue
+        if not _shows_nothing(spec, finding):
             continue
         for session in gate.also_in:
             other = context.sessions.get(session)
-            if other is not None and _can_judge(spec, other) and _passes(gate, context, other):
+            if other is None or not _can_judge(spec, other):
+                continue
+            if _passes(gate, context, other):
                 return gate.id, other
     return None, None
 
@@ -58,15 +62,21 @@ def _shows_nothing(spec: CheckSpec, gate: Finding) -> bool:
 
 def _can_judge(spec: CheckSpec, other: Recorded) -> bool:
     """Tell whether a recording is sound and has all steps to which a check refers."""
-    labels = {step.label for step in other.record.steps}
-    return not faults(other) and spec.given.references().steps <= labels
+    if faults(other):
+        return False
+    missing = set(spec.given.references().steps)
+    for step in other.record.steps:
+        missing.discard(step.label)
+    return not missing
 
 
 def _passes(gate: CheckSpec, context: Context, other: Recorded) -> bool:
     """Tell whether a recording passes a check."""
     check = check_given(gate.check, gate.parameters)
     finding = check.judge(replace(context, recorded=other), gate.parameters)
-    return finding.outcome.goes_on and not finding.is_silent
+    if finding.is_silent:
+        return False
+    return finding.outcome.goes_on
 
 
 def with_origin(finding: Finding, own: str | None, other: Recorded) -> Finding:

@@ -183,8 +183,9 @@ def _context(recordings: Recordings, rubric: Rubric, findings: Mapping[str, Find
 
 def _without_tampering(context: Context, violations: Sequence[Violation]) -> Context:
     """Return the context of all checks with the recordings that show no tampering."""
-    touched = {violation.session for violation in violations}
-    kept = {name: each for name, each in context.sessions.items() if name not in touched}
+    kept = dict(context.sessions)
+    for violation in violations:
+        kept.pop(violation.session, None)
     return replace(context, sessions=kept)
 
 

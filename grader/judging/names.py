@@ -51,12 +51,20 @@ def _missing(recorded: Recorded, rubric: Rubric) -> set[str]:
     named: set[str] = set()
     for spec in rubric.checks():
         named.update(spec.given.references().names)
-        named.update(each.name for each in spec.given.sought())
-    there = {*recorded.nodes, *recorded.record.names}
-    there.update(endpoint.topic for endpoint in recorded.endpoints)
+        for each in spec.given.sought():
+            named.add(each.name)
+    return named - _in_graph(recorded)
+
+
+def _in_graph(recorded: Recorded) -> set[str]:
+    """Return the names in the graph of a session, and the names with a misspelt one there."""
+    found = {*recorded.nodes, *recorded.record.names}
+    for endpoint in recorded.endpoints:
+        found.add(endpoint.topic)
     for graph in recorded.record.graph:
-        there.update(server.name for server in (*graph.services, *graph.actions))
-    return named - there
+        for server in (*graph.services, *graph.actions):
+            found.add(server.name)
+    return found
 
 
 def _waited(recorded: Recorded) -> set[tuple[str, object]]:

@@ -102,14 +102,17 @@ def _of_variable(asked: Asked) -> str:
 
 def _of_prefixes(recorded: Recorded) -> Iterator[str]:
     """Tell of the omitted prefixes of a launch file."""
-    processes = {process.id: process for process in planned(recorded)}
+    processes = {}
+    for process in planned(recorded):
+        processes[process.id] = process
     for step in recorded.record.steps:
         if step.kind != StartStep.kind:
             continue
         left_out = StartResult.of(step).without_prefix
         if left_out is None:
             continue
-        for id_ in sorted(left_out.keys() & processes.keys()):
+        known = left_out.keys() & processes.keys()
+        for id_ in sorted(known):
             yield _of_prefix(processes[id_], left_out[id_])
 
 

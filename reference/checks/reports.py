@@ -553,7 +553,9 @@ def _judge_vector(
     if fits:
         return _of_reported_only(context, p, vector, len(heard), of_all)
     lost, doubt = _lost_to_machine(context, p)
-    best = 1.0 if heard and lost >= _LOST_SHARE else vector.share
+    best = vector.share
+    if heard and lost >= _LOST_SHARE:
+        best = 1.0
     return vector.graded(vector.share, f"Expected: {vector.right_text}.", best, doubt)
 
 
@@ -623,8 +625,9 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Short
             continue
         if not _was_interrupted(run):
             continue
-        unprinted = _printed(p, run) is None
-        if unprinted and not any("KeyboardInterrupt" in line.text for line in run.lines):
+        if _printed(p, run) is not None:
+            continue
+        if not any("KeyboardInterrupt" in line.text for line in run.lines):
             return (
                 f"In the session '{shorter.session}' it was stopped after {count} reports, and printed no "
                 f"'{p.label}: [...]'; {shorter.least} are enough."

@@ -218,9 +218,13 @@ class RunningProcess:
 
         `on_unheeded` is called if the program goes on after the interrupt.
         """
-        # Without a program, it is just beginning or just ending.
-        if not self.alive or (self._pid() is None and await self.wait_exit(_TERMINATE_GRACE_S)):
+        if not self.alive:
             return
+        # Without a program, it is just beginning or just ending.
+        if self._pid() is None:
+            has_ended = await self.wait_exit(_TERMINATE_GRACE_S)
+            if has_ended:
+                return
         self.sample_usage()
         ways = (
             ("interrupt", signal.SIGINT, timeout_s),
@@ -236,7 +240,9 @@ class RunningProcess:
                 if await self.wait_exit(grace_s):
                     self.run.ended_by = ended_by
                     return
-                if on_unheeded is not None and number == signal.SIGINT:
+                if number != signal.SIGINT:
+                    continue
+                if on_unheeded is not None:
                     await on_unheeded()
         await self.kill()
 

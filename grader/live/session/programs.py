@@ -47,6 +47,13 @@ _AFTER_EXIT_S = 0.3
 _MODEST = 0.3
 
 
+def _is_of_start(line: str) -> bool:
+    """Tell whether a line of a reference node tells its identity, or that it is ready."""
+    if tells_identity(line):
+        return True
+    return "ready" in line
+
+
 class Programs:
     """The programs of a session.
 
@@ -145,9 +152,7 @@ class Programs:
 
     async def _protect_reference(self, name: str, running: RunningProcess) -> None:
         """Protect a reference node's name as soon as it is known, and let the node open its endpoints."""
-        await self._wait_line(
-            running, lambda line: tells_identity(line) or "ready" in line, _REFERENCE_START_S
-        )
+        await self._wait_line(running, _is_of_start, _REFERENCE_START_S)
         collect_trusted_messages(self.record)
         self._filter.protect(running.root_pid() or 0, self._prefix_of(name))
         running.write(b"protected\n", last=True)
@@ -254,7 +259,9 @@ class Programs:
         if process is None:
             return Answer("failed", StepResult(f"there is no process {name}"))
         is_written = await self._wait_line(process, lambda line: text in line, timeout_s)
-        return Answer("done" if is_written else "timeout")
+        if is_written:
+            return Answer("done")
+        return Answer("timeout")
 
     async def _wait_line(
         self, process: RunningProcess, fits: Callable[[str], bool], timeout_s: float

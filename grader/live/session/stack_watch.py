@@ -46,22 +46,34 @@ class StackWatch:
         looks = []
         for program in programs:
             name = program.run.name
-            if program.alive and self._times[name] < _MOST_TIMES:
-                self._times[name] += 1
-                looks.append(self._look_at(program, hang or program.lately_used() < _IDLE))
+            if not program.alive:
+                continue
+            if self._times[name] >= _MOST_TIMES:
+                continue
+            self._times[name] += 1
+            is_whole = hang or program.lately_used() < _IDLE
+            looks.append(self._look_at(program, is_whole))
         await asyncio.gather(*looks)
 
     async def _look_at(self, program: RunningProcess, is_whole: bool) -> None:
         name = program.run.name
+        number = MAIN_THREAD
+        if is_whole:
+            number = ALL_THREADS
         asked_ns = time.time_ns()
         for pause_s in (_BETWEEN_S, 0.0):
             begin = len(self._text_of(name))
             for pid in program.descendants()[:_MOST_PROCESSES]:
-                ask(pid, ALL_THREADS if is_whole else MAIN_THREAD)
-            threads = threads_in(await self._answer(name, begin), self._above)
-            if threads and len(self._record.stacks) < _MOST_STACKS:
-                self._record.stacks.append(Stack(name, asked_ns, threads, is_whole))
+                ask(pid, number)
+            answer = await self._answer(name, begin)
+            threads = threads_in(answer, self._above)
+            if threads:
+                self._keep(Stack(name, asked_ns, threads, is_whole))
             await asyncio.sleep(pause_s)
+
+    def _keep(self, stack: Stack) -> None:
+        if len(self._record.stacks) < _MOST_STACKS:
+            self._record.stacks.append(stack)
 
     async def _answer(self, name: str, begin: int) -> str:
         """Return the text that comes until it grows no more."""

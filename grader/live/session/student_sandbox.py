@@ -247,7 +247,9 @@ class StudentSandbox:
     def _tapped(self, process: str) -> str:
         """Return the text of a program's tap until now; empty without a tap, or after its end."""
         tap = self._taps.get(process)
-        return tap.so_far() if tap is not None else ""
+        if tap is None:
+            return ""
+        return tap.so_far()
 
     def claims_so_far(self) -> list[Claim]:
         """Return the claims of all processes of the student until now, also of running ones."""

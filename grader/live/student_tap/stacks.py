@@ -35,7 +35,10 @@ def ask(pid: int, number: int) -> None:
     """Ask a process for stacks; a process without the tap's handler is left alone, because the signal would end it."""
     with suppress(OSError):
         caught = _CAUGHT.search(read_bytes_of(f"/proc/{pid}/status"))
-        if caught is not None and int(caught[1], 16) >> (number - 1) & 1:
+        if caught is None:
+            return
+        has_handler = int(caught[1], 16) >> (number - 1) & 1
+        if has_handler:
             os.kill(pid, number)
 
 
@@ -46,11 +49,22 @@ def threads_in(text: str, above: str) -> list[list[StackFrame]]:
         if _THREAD.match(line):
             threads.append([])
         frame = _FRAME.match(line)
-        if frame is None or not threads or len(threads[-1]) >= _MOST_FRAMES:
+        if frame is None:
             continue
-        file = _unescaped(frame[1]).removeprefix(above)[:_LONGEST_NAME]
-        threads[-1].append(StackFrame(file, int(frame[2]), _unescaped(frame[3])[:_LONGEST_NAME]))
-    return [frames for frames in threads[:_MOST_THREADS] if frames]
+        if threads:
+            _add_frame(threads[-1], frame, above)
+    kept = threads[:_MOST_THREADS]
+    return list(filter(None, kept))
+
+
+def _add_frame(frames: list[StackFrame], frame: re.Match[str], above: str) -> None:
+    """Append a frame to the stack of a thread, up to the limit."""
+    if len(frames) >= _MOST_FRAMES:
+        return
+    file = _unescaped(frame[1]).removeprefix(above)
+    line = int(frame[2])
+    function = _unescaped(frame[3])
+    frames.append(StackFrame(file[:_LONGEST_NAME], line, function[:_LONGEST_NAME]))
 
 
 def _unescaped(text: str) -> str:
@@ -58,6 +72,11 @@ def _unescaped(text: str) -> str:
 
 
 def _character(escaped: re.Match[str]) -> str:
-    number = int(escaped[1] or escaped[2] or escaped[3], 16)
-    is_character = number <= 0x10FFFF and not 0xD800 <= number <= 0xDFFF
-    return chr(number) if is_character else "?"
+    digits = "".join(escaped.groups(""))
+    number = int(digits, 16)
+    if number > 0x10FFFF:
+        return "?"
+    is_surrogate = 0xD800 <= number <= 0xDFFF
+    if is_surrogate:
+        return "?"
+    return chr(number)
