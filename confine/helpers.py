@@ -87,10 +87,11 @@ def start_helper(
     environment: Mapping[str, str],
     pass_fds: Sequence[int] = (),
     start_new_session: bool = False,
+    before: Callable[[], object] | None = None,
 ) -> subprocess.Popen[bytes]:
     """Start a helper beside this process, without input and output.
 
-    Raises `OSError` if it cannot be started.
+    `before` runs in the new process before the command. Raises `OSError` if it cannot be started.
     """
     return subprocess.Popen(
         command,
@@ -101,6 +102,7 @@ def start_helper(
         cwd=FOLDER,
         pass_fds=pass_fds,
         start_new_session=start_new_session,
+        preexec_fn=before,
     )
 
 

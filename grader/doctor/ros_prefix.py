@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import itertools
 import re
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from confine.helpers import find_tool
 from grader.doctor.status import Status, Verdict
 from grader.live.sandbox.environment import ask_interpreter
 
@@ -99,7 +99,7 @@ class _Installed:
         own = self.prefix / "bin/python"
         if own.exists():
             return own
-        found = shutil.which(f"python{self.python}")
+        found = find_tool(f"python{self.python}")
         return None if found is None else Path(found)
 
 

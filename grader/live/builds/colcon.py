@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import stat
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from confine.command import confined
-from confine.helpers import python, search_path
+from confine.helpers import python, search_path, start_helper
 from confine.interpreters import OWN_INTERPRETER
 from confine.isolation import Isolation, free_slot, sandbox_cgroup
 from confine.room import TEMPORARY
@@ -143,15 +142,11 @@ def _watched(
     isolation: Isolation, argv: list[str], passed: tuple[int, ...], room: StudentRoom, time_s: float
 ) -> tuple[int | None, str]:
     """Run a command; returns its exit status, or why it was ended."""
-    process = subprocess.Popen(
+    process = start_helper(
         argv,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        env={"PATH": search_path()},
-        cwd="/",
+        environment={"PATH": search_path()},
         pass_fds=passed,
-        preexec_fn=partial(enter_or_end, isolation.form),
+        before=partial(enter_or_end, isolation.form),
     )
     end_s = time.monotonic() + time_s
     look_s = time.monotonic() + _LOOK_AT_SPACE_S

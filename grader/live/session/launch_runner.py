@@ -20,6 +20,7 @@ from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
+from confine.helpers import find_tool
 from confine.limits import attainable
 from confine.scratch import remove_tree
 from grader.evidence.near_miss import LEAST_RATIO, likeness
@@ -383,12 +384,11 @@ class LaunchRunner:
 
     def _prefixes_left_out(self, plan: Plan) -> dict[str, str]:
         """Return the prefixes with programs that are missing here or need a screen, by process."""
-        path = self._sandbox.environment({})["PATH"]
         found = {}
         for process in plan.processes:
             if not process.prefix:
                 continue
-            if not _runs_here(process.prefix, path):
+            if not _runs_here(process.prefix):
                 found[process.id] = " ".join(process.prefix)
         return found
 
@@ -494,9 +494,9 @@ _ATTENDED = frozenset([
 ])  # fmt: skip
 
 
-def _runs_here(prefix: Sequence[str], path: str) -> bool:
+def _runs_here(prefix: Sequence[str]) -> bool:
     """Tell whether the words before a program's command line can be run in a session."""
-    if shutil.which(prefix[0], path=path) is None:
+    if find_tool(prefix[0]) is None:
         return False
     return all(PurePosixPath(word).name not in _ATTENDED for word in prefix)
 
