@@ -180,9 +180,12 @@ async def start_piped(
     limit: int,
 ) -> asyncio.subprocess.Process:
     """Start a command in a session of its own with pipes to it, for an event loop; see `start_helper`."""
+    stdin = asyncio.subprocess.DEVNULL
+    if with_input:
+        stdin = asyncio.subprocess.PIPE
     return await asyncio.create_subprocess_exec(
         *command,
-        stdin=asyncio.subprocess.PIPE if with_input else asyncio.subprocess.DEVNULL,
+        stdin=stdin,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
         env=dict(environment),

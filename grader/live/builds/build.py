@@ -129,7 +129,9 @@ def _sources(submission: SubmissionRecord, packages: Iterable[PackageFact]) -> d
 def _key(packages: Iterable[PackageFact], sources: Mapping[str, str]) -> str:
     """Return a hash of everything on which the outcome depends."""
     named = [(package.name, package.path) for package in packages]
-    how = [Path(module).read_text(encoding="utf-8") for module in (__file__, colcon.__file__)]
+    how = []
+    for module in (__file__, colcon.__file__):
+        how.append(Path(module).read_text(encoding="utf-8"))
     whole = json.dumps([named, sorted(sources.items()), colcon.builder_versions(), how])
     return hashlib.sha256(whole.encode("utf-8", "surrogateescape")).hexdigest()
 
@@ -162,13 +164,18 @@ def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
     target.mkdir()
     for name in sources:
         origin = folder / name
-        if origin.is_symlink() or not origin.is_file():
+        if origin.is_symlink():
+            continue
+        if not origin.is_file():
             continue
         copy = target / name
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(origin, copy, follow_symlinks=False)
     for path in (target, *target.rglob("*")):
-        path.chmod(0o777 if path.is_dir() else 0o666)
+        mode = 0o666
+        if path.is_dir():
+            mode = 0o777
+        path.chmod(mode)
 
 
 def _parts_of(output: str) -> dict[str, tuple[str, str]]:
