@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass, replace
 
 from grader.evidence.recorded import Recorded
-from grader.evidence.text.syntax import normalise, tree_of
+from grader.evidence.text.syntax import code_of, normalise, tree_of
 from grader.recording.session import SESSION_VARIABLE, ProcessRun
 from grader.recording.submission import SubmissionRecord
 from launch_plan.plan import MalformedPlanError, Plan, Process
@@ -171,7 +171,7 @@ def set_in(tree: ast.Module, variable: str) -> Iterator[tuple[int, str]]:
     """Yield line and value of each place with a value for a variable, in a program or a launch file."""
     for node in ast.walk(tree):
         for value in _values(node, variable):
-            yield value.lineno, ast.unparse(value).strip("'\"")[:_QUOTED]
+            yield value.lineno, code_of(value).strip("'\"")[:_QUOTED]
 
 
 def _values(node: ast.AST, variable: str) -> Iterator[ast.expr]:
@@ -191,9 +191,9 @@ def _values(node: ast.AST, variable: str) -> Iterator[ast.expr]:
             for key, value in zip(keys, values, strict=True):
                 if key is None:  # `**others`
                     continue
-                if ast.unparse(key) == quoted:
+                if code_of(key) == quoted:
                     yield value
-        case ast.Call(func=function, args=[name, value, *_]) if ast.unparse(name) == quoted:
+        case ast.Call(func=function, args=[name, value, *_]) if code_of(name) == quoted:
             if _sets(function):
                 yield value
         case ast.Call(keywords=keywords):
@@ -205,7 +205,7 @@ def _sets(function: ast.expr) -> bool:
 
     `setdefault` sets none, because a session gives each program its values.
     """
-    called = ast.unparse(function).rpartition(".")[2]
+    called = code_of(function).rpartition(".")[2]
     return called in ("putenv", "SetEnvironmentVariable")
 
 
@@ -215,11 +215,11 @@ def _of_keywords(keywords: Iterable[ast.keyword], variable: str) -> Iterator[ast
     names: Iterable[str] = (variable,)
     if variable == DOMAIN:
         names = _KEYWORDS
-    if "name" in by_name and ast.unparse(by_name["name"]) == repr(variable):
+    if "name" in by_name and code_of(by_name["name"]) == repr(variable):
         names = ("value",)
     for name in names:
         value = by_name.get(name)
         if value is None:
             continue
-        if ast.unparse(value) != "None":
+        if code_of(value) != "None":
             yield value

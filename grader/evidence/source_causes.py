@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.session_variables import DOMAIN, LEAVE_DOMAIN, set_in
-from grader.evidence.text.syntax import normalise, tree_of
+from grader.evidence.text.syntax import code_of, normalise, tree_of
 
 #: Kind of the cause of a program that speaks in another ROS domain.
 OTHER_DOMAIN = "other-domain"
@@ -65,7 +65,7 @@ def _sleep_without_spin(tree: ast.Module) -> int | None:
                     return None
                 has_rate |= name == "create_rate"
             case ast.Call(func=ast.Attribute(attr="sleep") as function):
-                if ast.unparse(function) != "time.sleep":
+                if code_of(function) != "time.sleep":
                     sleeps.append(node.lineno)
     return min(sleeps, default=None) if has_rate else None
 
@@ -119,13 +119,13 @@ def _without_response(text: str) -> tuple[str, int] | None:
 
 def _service_callbacks(node: ast.AST) -> set[str]:
     """Return the name of the function that a call of `create_service` gets; empty for another node."""
-    if not isinstance(node, ast.Call) or not ast.unparse(node.func).endswith("create_service"):
+    if not isinstance(node, ast.Call) or not code_of(node.func).endswith("create_service"):
         return set()
     given = list(node.args[2:3])
     for keyword in node.keywords:
         if keyword.arg == "callback":
             given.append(keyword.value)
-    return {ast.unparse(each).rpartition(".")[2] for each in given}
+    return {code_of(each).rpartition(".")[2] for each in given}
 
 
 def _gives(body: Sequence[ast.stmt]) -> bool:
@@ -161,7 +161,7 @@ def _overwrites(text: str, attribute: str) -> int | None:
     lines = []
     for node in ast.walk(tree):
         for target in _targets(node):
-            if ast.unparse(target) == f"self.{attribute}":
+            if code_of(target) == f"self.{attribute}":
                 lines.append(target.lineno)
     return min(lines, default=None)
 
@@ -198,7 +198,7 @@ def idle_callback(text: str) -> int | None:
 
 
 def _is_named(function: ast.expr, name: str) -> bool:
-    return ast.unparse(function).rpartition(".")[2] == name
+    return code_of(function).rpartition(".")[2] == name
 
 
 def _callback_of(call: ast.Call) -> ast.expr | None:
@@ -215,7 +215,7 @@ def _keeps_nothing(callback: ast.expr | None, functions: Mapping[str, Sequence[a
         return _is_idle(ast.Expr(callback.body))
     if not isinstance(callback, ast.Name | ast.Attribute):
         return False
-    body = functions.get(ast.unparse(callback).rpartition(".")[2])
+    body = functions.get(code_of(callback).rpartition(".")[2])
     return body is not None and all(map(_is_idle, body))
 
 
@@ -227,7 +227,7 @@ def _is_idle(statement: ast.stmt) -> bool:
         case ast.Return(ast.Constant()):
             return True
         case ast.Expr(ast.Call(func=function)):
-            written = ast.unparse(function)
+            written = code_of(function)
             return written == "print" or "get_logger()." in written
     return False
 

@@ -52,6 +52,14 @@ def expression_tree(text: str) -> ast.Module | None:
 tree_of = functools.lru_cache(maxsize=8)(expression_tree)
 
 
+def code_of(node: ast.AST) -> str:
+    """Return the code of a node; empty if it is nested too deeply to be written."""
+    try:
+        return ast.unparse(node)
+    except (RecursionError, MemoryError):
+        return ""
+
+
 def spans(text: str) -> list[re.Match[str]]:
     """Return comments (with the group `comment`) and string literals of a normalised text, which may not be Python.
 
