@@ -19,14 +19,14 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 import tree_sitter
-import tree_sitter_python
 
+from grader.evidence.text.concrete_syntax import concrete_tree
 from grader.recording.submission import FileFact, SubmissionRecord
 
 #: Nodes of a fingerprint. On 66 disguised copies and the 125 fixtures, 8 nodes list more pairs with almost no line in
@@ -151,15 +151,15 @@ class Similarity:
 # -- a submission ------------------------------------------------------------------------------
 
 
-@cache
-def _parser() -> tree_sitter.Parser:
-    return tree_sitter.Parser(tree_sitter.Language(tree_sitter_python.language()))
-
-
 def nodes_of(text: str, most: int = MOST_NODES) -> list[tuple[int, int]]:
-    """Return kind and line of a Python text's structural nodes, at most some number of them."""
+    """Return kind and line of a Python text's structural nodes, at most some number of them.
+
+    A text that takes the parser too long for code has none.
+    """
     found: list[tuple[int, int]] = []
-    tree = _parser().parse(text.encode("utf-8", "replace"))
+    tree = concrete_tree(text.encode("utf-8", "replace"))
+    if tree is None:
+        return found
     waiting = [tree.root_node]
     while waiting and len(found) < most:
         node = waiting.pop()
@@ -180,7 +180,10 @@ def _is_docstring(node: tree_sitter.Node) -> bool:
 
 def program_of(record: SubmissionRecord) -> Program:
     """Return the Python files of a submission; if these are too much, the largest are left out."""
-    texts = {path: text for path, text in record.texts.items() if path.endswith(".py")}
+    texts = {}
+    for path, text in record.texts.items():
+        if path.endswith(".py"):
+            texts[path] = text
 
     def size(path: str) -> tuple[int, str]:
         return len(texts[path]), path

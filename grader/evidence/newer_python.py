@@ -18,11 +18,11 @@ from __future__ import annotations
 import ast
 import re
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import tree_sitter
-import tree_sitter_python
 
+from grader.evidence.text.concrete_syntax import concrete_tree
 from grader.evidence.text.syntax import expression_tree, normalise, tree_of
 
 #: Largest depth of nested f-strings with newer fields; people write two.
@@ -93,7 +93,7 @@ def _as_older(text: str, levels: int) -> _Older | None:
     content = text.encode("utf-8", "replace")
     rewriting = _Rewriting()
     try:
-        rewriting.read(_parser().parse(content).root_node)
+        rewriting.read(_root(content))
         inner = _version_of(rewriting.expressions, levels)
     except _Wrong:
         return None
@@ -105,9 +105,12 @@ def _as_older(text: str, levels: int) -> _Older | None:
     return _Older(older, max(rewriting.version, inner))
 
 
-@cache
-def _parser() -> tree_sitter.Parser:
-    return tree_sitter.Parser(tree_sitter.Language(tree_sitter_python.language()))
+def _root(content: bytes) -> tree_sitter.Node:
+    """Return the root of a text's tree; raises _Wrong for a text that takes the parser too long for code."""
+    tree = concrete_tree(content)
+    if tree is None:
+        raise _Wrong
+    return tree.root_node
 
 
 @dataclass
