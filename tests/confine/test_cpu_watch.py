@@ -165,6 +165,11 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
     assert both_s == pytest.approx(unused_s, abs=0.3 * unused_s)
 
 
+def all_stopped(pid: int) -> bool:
+    """Say whether every thread of a process stopped: each one stops only when it next leaves the kernel."""
+    return all("T (stopped)" in Path(f"/proc/{pid}/task/{thread}/status").read_text() for thread in threads_of(pid))
+
+
 def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
     """Threads that did not run are not read.
 
@@ -182,7 +187,7 @@ def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
             time.sleep(0.01)
             waited_ns += watched.read(sample)[0]
         it.send_signal(signal.SIGSTOP)
-        until(lambda: "T (stopped)" in Path(f"/proc/{it.pid}/status").read_text(), 5)
+        until(lambda: all_stopped(it.pid), 5)
         waited_ns += watched.read(200)[0]
         cpu_s, all_waited_s = counters(it.pid)
     assert watched.cpu_ns / 1e9 == cpu_s
