@@ -124,7 +124,7 @@ class CallAnswered(Parameters):
     again_charged_by: ref.EarlierCheckId | None = Field(
         None,
         description="Where this check took points, neither a later answer nor a contrary message takes any. "
-        "Two checks of one service that lose points for either charge the dearer one without it.",
+        "Without it, two checks of one service charge the dearer later answer, and each contrary message.",
     )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(
@@ -315,9 +315,14 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     finding = _wrong_fields(answered, p)
     if finding is not None:
         return context.charge(finding, answer_cause(service, request))
-    finding = _contrary_or_changed(context, answered, p)
+    later = _later_answers(context, p)
+    finding = _contrary(answered, p, later)
     if finding is not None:
-        return context.charge(finding, f"state told by {service}", [p.again_charged_by])
+        # Each request after which the opposite is reported misleads by itself.
+        return context.charge(finding, None, [p.again_charged_by])
+    finding = _changed(answered, p, later)
+    if finding is not None:
+        return context.charge(finding, f"later answers of {service}", [p.again_charged_by])
     return _judge_message(answered, p)
 
 
@@ -353,14 +358,22 @@ def _wrong_fields(answered: _Answered, p: CallAnswered) -> Finding | None:
     return failed(answered.expected, answered.measured, reason, where=answered.where)
 
 
-def _contrary_or_changed(context: Context, answered: _Answered, p: CallAnswered) -> Finding | None:
-    """State that an answer means the opposite of the request, or that a later answer is another one."""
-    later = _later_answers(context, p)
+def _contrary(
+    answered: _Answered, p: CallAnswered, later: Sequence[Mapping[str, Any]]
+) -> Finding | None:
+    """State that an answer means the opposite of the request; None if all are right."""
     for answer in (answered.response, *later):
         if _contradicts(p, answer):
             reason = f"It answers this request with {shown(answer)}, which means the opposite."
             hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
             return _less_for_answer(0.0, answered, reason, hint)
+    return None
+
+
+def _changed(
+    answered: _Answered, p: CallAnswered, later: Sequence[Mapping[str, Any]]
+) -> Finding | None:
+    """State that a later answer to the request is another one; None if all are equal."""
     for answer in later:
         if not _fits(answer, p.response):
             reason = f"To the same request it answers {shown(answer)} later."

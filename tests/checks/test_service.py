@@ -167,6 +167,13 @@ def test_the_same_request_is_to_be_answered_alike(
     assert words in finding.reason
 
 
+def test_a_contrary_message_misleads_at_each_request(tmp_path: Path) -> None:
+    """A message of the previous state has no single charge: after each request, the operator reads the opposite."""
+    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
+    finding = judged("call_answered", AGAIN, session)
+    assert (finding.outcome, finding.causes) == (Outcome.FAILED, ())
+
+
 @pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.EXCUSED), ("1", Outcome.FAILED)])
 def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
     """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
@@ -207,7 +214,7 @@ def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
     )
     assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
     alone = judged("call_answered", AGAIN, session)
-    assert (alone.outcome, alone.causes) == (Outcome.PARTIAL, (f"state told by {NAME}",))
+    assert (alone.outcome, alone.causes) == (Outcome.PARTIAL, (f"later answers of {NAME}",))
 
 
 def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
