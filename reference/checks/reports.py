@@ -97,6 +97,10 @@ class Alternative(BaseModel):
     charged_by: tuple[EarlierCheckId, ...] = Field(
         (), description="Where one of these checks took points, none are lost here."
     )
+    each: bool = Field(
+        False,
+        description="The mistake leaves little of use: each check that it fails loses its own points.",
+    )
 
     def explains(
         self, context: Context, artifact: str, finding: Finding, least: float = 0.0
@@ -116,6 +120,8 @@ class Alternative(BaseModel):
         )
         if judged.outcome is Outcome.PASSED:
             return excused(judged, meant)
+        if self.each:
+            return judged
         cause = self.cause or f"{artifact}: {dict(self.parameters)}"
         return context.charge(judged, cause, self.charged_by)
 
