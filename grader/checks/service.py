@@ -308,13 +308,17 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         return failed(expected, "the same request", reason, where=where)
     measured = f"{shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
     answered = _Answered(response, expected, measured, where)
-    if step is None:
-        service = ""
-    else:
-        service = CallStep.given(step).service
     finding = _wrong_fields(answered, p)
     if finding is not None:
-        return context.charge(finding, answer_cause(service, request))
+        return context.charge(finding, _answer_cause(step))
+    finding = _judge_state(context, answered, p)
+    if finding is not None:
+        return finding
+    return _judge_message(answered, p)
+
+
+def _judge_state(context: Context, answered: _Answered, p: CallAnswered) -> Finding | None:
+    """Charge the states that the answers to one request report; None if all are right."""
     later = _later_answers(context, p)
     finding = _contrary(answered, p, later)
     if finding is not None:
@@ -322,8 +326,22 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         return context.charge(finding, None, [p.again_charged_by])
     finding = _changed(answered, p, later)
     if finding is not None:
-        return context.charge(finding, f"later answers of {service}", [p.again_charged_by])
-    return _judge_message(answered, p)
+        cause = f"later answers of {_service_of(_step_that_counts(context, p))}"
+        return context.charge(finding, cause, [p.again_charged_by])
+    return None
+
+
+def _service_of(step: StepRun | None) -> str:
+    if step is None:
+        return ""
+    return CallStep.given(step).service
+
+
+def _answer_cause(step: StepRun | None) -> str:
+    request: Mapping[str, Any] = {}
+    if step is not None:
+        request = CallStep.given(step).request
+    return answer_cause(_service_of(step), request)
 
 
 def answer_cause(service: str, request: Mapping[str, Any]) -> str:

@@ -215,15 +215,23 @@ def _answer_cause(context: Context, label: str | None) -> str | None:
     return answer_cause(step.parameters["service"], request)
 
 
+def _held(context: Context, label: str | None) -> Mapping[str, Mapping[str, Any]]:
+    """Return type and value of each parameter as a step read it; nothing without the step."""
+    if label is None:
+        return {}
+    step = context.step(label)
+    if step is None:
+        return {}
+    values: Mapping[str, Mapping[str, Any]] | None = step.result.get("values")
+    return {} if values is None else values
+
+
 def _mistyped(context: Context, p: CallGated) -> str:
     """Say that the parameter holds a value of another type; empty if it is of the type that is set."""
-    if p.read_step is None:
-        return ""
-    read = context.step(p.read_step)
     setting = context.step(p.set_step)
-    if read is None or setting is None:
+    if setting is None:
         return ""
-    held = read.result.get("values") or {}
+    held = _held(context, p.read_step)
     for name, value in setting.parameters.get("values", {}).items():
         own = held.get(name, {}).get("type", "not set")
         wanted = _TYPE_NAMES.get(type(value), own)
