@@ -15,7 +15,7 @@ from grader.evidence.crash.diagnosis import explain
 from grader.evidence.crash.hang import hang_of
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
-from grader.evidence.source_causes import corrected
+from grader.evidence.source_causes import OVERWRITTEN, corrected
 from grader.lab.steps.get_parameters import GetParametersResult
 from grader.recording.session import ProcessRun
 from grader.recording.submission import SubmissionRecord
@@ -126,6 +126,15 @@ class Context:
         if found is None or found.file is None:
             return found
         return corrected(found, self.submission.texts)
+
+    def overwritten(self, artifact: str | None) -> Diagnosis | None:
+        """Return the crash of a program by an attribute of rclpy's Node that it overwrites; None without one."""
+        found = None
+        if artifact is not None:
+            found = self.diagnosis(artifact)
+        if found is None or found.kind != OVERWRITTEN:
+            return None
+        return found
 
     def diagnosis(self, artifact: str) -> Diagnosis | None:
         """Explain why one of an artifact's processes ended or misbehaved."""

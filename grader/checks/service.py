@@ -507,11 +507,28 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     node = GetParametersStep.given(step).node
     parts = []
     for wanted in p.parameters:
-        part = _judge_parameter(wanted, values.get(wanted.name), p)
+        got = values.get(wanted.name)
+        overwritten = _overwritten(context)
+        if got is None and overwritten is not None:
+            parts.append(overwritten)
+            continue
+        part = _judge_parameter(wanted, got, p)
         parts.append(context.charge_part(part, parameter_cause(node, wanted.name)))
     read = [f"{name} = {got.value!r}" for name, got in values.items()]
     measured = ", ".join(read) or "none of them"
     return of_parts(expected, parts, measured=measured)
+
+
+def _overwritten(context: Context) -> Part | None:
+    """Charge the attribute by which the node lost its parameters; None if it overwrites none."""
+    students = context.session.students
+    if not students:
+        return None
+    found = context.overwritten(students[0].artifact)
+    if found is None:
+        return None
+    part = Part(0.0, reason=found.problem, hint=found.remedy)
+    return context.charge_part(part, found.problem)
 
 
 def _not_read(context: Context, step: StepRun | None, expected: str) -> Finding:

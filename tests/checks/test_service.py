@@ -299,6 +299,27 @@ def test_each_parameter_is_a_part(
     assert words in finding.reason
 
 
+def test_an_overwritten_attribute_is_one_mistake_of_call_and_parameters(tmp_path: Path) -> None:
+    """The source declares the parameters, so that no hint asks for it; the crash and the loss share their cause."""
+    lines = [
+        "Traceback (most recent call last):",
+        '  File "/ws/src/it.py", line 9, in enable',
+        "rclpy.exceptions.ParameterNotDeclaredException: ('Invalid access to undeclared parameter(s)', [], ['safe'])",
+    ]
+    source = "class A(Node):\n    def __init__(self):\n        self._parameters = {}\n"
+    session = Session(tmp_path).process("it", lines, interrupted_ns=None)
+    session.step("get_parameters", "defaults", values={})
+    called(session, "enable", call(None, 3.0))
+    record = submission({"it.py": source})
+    silent = judged("call_answered", ANSWERED, session, record)
+    undeclared = judged("parameters_declared", DECLARED, session, record)
+    assert silent.causes == undeclared.causes
+    assert len(silent.causes) == 1
+    for finding in (silent, undeclared):
+        assert "self._parameters replaces the attribute" in finding.reason
+        assert "another name" in finding.hint
+
+
 def test_parameters_of_a_silent_node_are_not_charged_again(tmp_path: Path) -> None:
     """A node that answers nothing is charged with its calls."""
     session = called(
