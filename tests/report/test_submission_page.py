@@ -257,6 +257,18 @@ def test_every_link_has_a_target() -> None:
         assert href[1:] in ids
 
 
+def test_a_remedy_for_several_checks_is_said_once() -> None:
+    """The later checks of a criterion refer to the first one with the same hint."""
+    checks = [
+        check("a.one", Outcome.FAILED, "0", hint="Write a setup.cfg."),
+        check("a.two", Outcome.PARTIAL, "4.50", hint="Write a setup.cfg."),
+        check("a.open", Outcome.INCONCLUSIVE, "0", hint="Write a setup.cfg."),
+    ]
+    words = text_of(page_of(result_of(checks)))
+    assert words.count("Write a setup.cfg.") == 1
+    assert "How to fix it As for Title of a.one ." in words
+
+
 def test_lost_points_show_their_proof() -> None:
     """Expected, measured, reason, hint, the source line with its neighbours, and the span of a topic."""
     words = text_of(page_of())
