@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grader.evidence.cpu_delay import Calm, Delay, Span, calm_intervals, shares_around
-from grader.evidence.recorded import Floats, Integers, Recorded
+from grader.evidence.recorded import Booleans, Floats, Integers, Recorded
 from grader.evidence.schedule import kept_schedule
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.session import ProcessRun
@@ -29,6 +29,8 @@ _MOST_DELAYED = 0.5
 _NOTABLE_DELAY = 0.005
 #: Share of an interval up to which a delay does not change the number of intervals.
 _HARMLESS = 0.2
+#: Share of the time that a message may take from which a delay can make it late.
+_FELT = 0.2
 #: Longest time from a delay to a message that still waits for it, in s.
 _WAITED_S = 0.05
 
@@ -68,7 +70,8 @@ class Interval:
     def credit(self, credit_of: Callable[[float], float]) -> Interval:
         """Return the least and the greatest credit, for a credit that rises or falls with the value."""
         ends = (credit_of(self.low), credit_of(self.high))
-        return Interval(min(ends), max(ends), self.why)
+        why = "" if ends[0] == ends[1] else self.why
+        return Interval(min(ends), max(ends), why)
 
 
 # -- delays ----------------------------------------------------------------------------------------
@@ -157,14 +160,38 @@ def latencies(recorded: Recorded, starts_ns: Integers, ends_ns: Integers) -> tup
     return least_s, took_s
 
 
+def made_late(
+    recorded: Recorded, starts_ns: Integers, ends_ns: Integers, within_s: float
+) -> Booleans:
+    """Return which of some spans hold delays of a notable part of a time, in s, that a message may take."""
+    return recorded.delays_s(starts_ns, ends_ns) > _FELT * within_s
+
+
 def arrival(late_s: float, delayed: Delayed) -> Interval:
     """Return whether something late came in time: 0 as it was seen, and 1 if a delay can have made it late."""
-    return Interval(0.0, float(late_s <= delayed.delay_s), delayed.why)
+    return _possibly(delayed, late_s <= delayed.delay_s)
 
 
-def absence(delayed: Delayed, share: float) -> Interval:
-    """Return whether something that was not seen was there: 1 at most if delays took more than a share of the time."""
-    return Interval(0.0, float(delayed.exceeds(share)), delayed.why)
+def absence(share: float, *delays: Delayed) -> Interval:
+    """Return whether something was there unseen: 0 as it was seen, and 1 if delays took most of each time.
+
+    Parameters
+    ----------
+    share
+        Share of each time that its delay must exceed.
+    delays
+        Delays within the times in which it was not seen.
+    """
+    delay_s = sum(each.delay_s for each in delays)
+    whole = Delayed(delay_s, sum(each.length_s for each in delays))
+    are_long = all(each.exceeds(share) for each in delays)
+    return _possibly(whole, are_long and bool(whole.why))
+
+
+def _possibly(delayed: Delayed, is_possible: bool) -> Interval:
+    if is_possible:
+        return Interval(0.0, 1.0, delayed.why)
+    return Interval(0.0, 0.0)
 
 
 def lost_share(
