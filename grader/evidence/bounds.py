@@ -1,8 +1,8 @@
-"""Bounds of a measured value: what it may have been on an idle machine.
+"""Bounds of a measured value on an idle machine.
 
-A machine that delays a program makes messages and answers late and lets queues overflow, so that fewer events are
-counted. It never makes a program faster. Each function states this for one kind of value as an `Interval`; a check
-turns both ends into credit, and a difference leaves it undecided.
+Machine delays make messages and answers late and let queues overflow, and the count of events falls. They never make
+a program faster. Each function states this for one kind of value as an `Interval`; a check turns both ends into
+credit, and a difference leaves it undecided.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Interval:
         return replace(self, low=self.low - error, high=self.high + error)
 
     def within(self, other: Interval) -> Interval:
-        """Return the interval, cut to another one that holds for every delay of the machine."""
+        """Return the interval, cut to another one."""
         return replace(self, low=other.nearest(self.low), high=other.nearest(self.high))
 
     def off(self, wanted: float) -> Interval:
@@ -70,8 +70,9 @@ class Interval:
     def credit(self, credit_of: Callable[[float], float]) -> Interval:
         """Return the least and the greatest credit, for a credit that rises or falls with the value."""
         ends = (credit_of(self.low), credit_of(self.high))
-        why = "" if ends[0] == ends[1] else self.why
-        return Interval(min(ends), max(ends), why)
+        if ends[0] == ends[1]:
+            return Interval(*ends)
+        return Interval(min(ends), max(ends), self.why)
 
 
 # -- delays ----------------------------------------------------------------------------------------
@@ -163,7 +164,7 @@ def latencies(recorded: Recorded, starts_ns: Integers, ends_ns: Integers) -> tup
 def made_late(
     recorded: Recorded, starts_ns: Integers, ends_ns: Integers, within_s: float
 ) -> Booleans:
-    """Return which of some spans hold delays of a notable part of a time, in s, that a message may take."""
+    """Return for each span whether its delays can make a message late, by the time that it may take, in s."""
     return recorded.delays_s(starts_ns, ends_ns) > _FELT * within_s
 
 
@@ -274,7 +275,9 @@ class Publication:
     def why(self, length_s: float) -> str:
         """Say that the machine keeps a value from being measured, if it delayed a notable share of a time."""
         delayed = Delayed(self.delay_s, length_s)
-        return delayed.why if delayed.exceeds(_NOTABLE_DELAY) else ""
+        if delayed.exceeds(_NOTABLE_DELAY):
+            return delayed.why
+        return ""
 
     def calm(self, harmless_s: float) -> Calm | None:
         """Return the undisturbed intervals, if the machine delayed the process notably.
@@ -290,7 +293,9 @@ class Publication:
             return None
         delays = self.recorded.delays(self.run)
         calm = calm_intervals(delays, timing.times_ns, timing.intervals_s, harmless_s)
-        return calm if calm.is_enough else None
+        if calm.is_enough:
+            return calm
+        return None
 
 
 def publication_of(
@@ -309,7 +314,9 @@ def publication_of(
     delay_s = delay_of(recorded, run, span).delay_s
     recorder_delay_s = recorded.recorder_delay_s(span)
     delays = _delays_on_the_way(recorded, run)
-    excused_s = 0.0 if delays else recorder_delay_s
+    excused_s = recorder_delay_s
+    if delays:
+        excused_s = 0.0
     if timing.arrived is None or not timing.contradicted_by_arrival(excused_s, delays):
         return Publication(recorded, run, timing, span, delay_s)
     method = " by times of arrival, as the time stamps are not the times of publication"
@@ -355,7 +362,9 @@ def undelayed_rate(published: Publication, wanted_hz: float) -> Interval:
     """
     timing = published.timing
     length_s = published.length_s
-    usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
+    usual_hz = timing.rate_hz
+    if timing.median_s > 0:
+        usual_hz = 1 / timing.median_s
     early_hz = timing.rate_hz * length_s / (length_s + published.before_s)
     least_hz = max(early_hz, usual_hz, wanted_hz)
     delayed = Delayed(published.delay_s, length_s)
