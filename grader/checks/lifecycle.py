@@ -226,7 +226,9 @@ def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: Sequence[
 def _doubted(context: Context, p: Lifecycle, part: Part, spans: Collection[Span]) -> Part:
     """Return a part that may earn all if the machine delayed the program for most of each span."""
     run = context.session.process(p.process)
-    delays = [bounds.delay_of(context.session, run, span) for span in spans]
+    delays = []
+    for span in spans:
+        delays.append(bounds.delay_of(context.session, run, span))
     possible = bounds.absence(_MOST, *delays)
     return replace(part, best=max(part.share, possible.high), doubt=possible.why)
 

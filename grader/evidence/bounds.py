@@ -19,7 +19,7 @@ from grader.evidence.schedule import kept_schedule
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.session import ProcessRun
 
-#: Shortest delay, in s, that is given as a cause; two decimal places show it.
+#: Shortest delay given as a cause, in s; two decimal places show it.
 _LEAST_DELAY_S = 0.005
 #: Least share of delays in a span after which every event in the span may depend on them.
 MANY_DELAYS = 0.25
@@ -29,7 +29,7 @@ _MOST_DELAYED = 0.5
 _NOTABLE_DELAY = 0.005
 #: Share of an interval up to which a delay does not change the number of intervals.
 _HARMLESS = 0.2
-#: Share of the time that a message may take from which a delay can make it late.
+#: Delayed share of the allowed time of a message from which it may be late.
 _FELT = 0.2
 #: Longest time from a delay to a message that still waits for it, in s.
 _WAITED_S = 0.05
@@ -144,7 +144,7 @@ def count(seen: float, delayed: Delayed) -> Interval:
 
 
 def latency(took_s: float, delayed: Delayed) -> Interval:
-    """Return the bounds of the time that something took, in s: it took at most the delay less."""
+    """Return the bounds of a duration in s: without the delay it is shorter by at most that."""
     least_s = max(0.0, took_s - delayed.delay_s)
     return Interval(min(took_s, least_s), took_s, delayed.why)
 
@@ -164,7 +164,7 @@ def latencies(recorded: Recorded, starts_ns: Integers, ends_ns: Integers) -> tup
 def made_late(
     recorded: Recorded, starts_ns: Integers, ends_ns: Integers, within_s: float
 ) -> Booleans:
-    """Return for each span whether its delays can make a message late, by the time that it may take, in s."""
+    """Return for each span whether its delays can make a message late, by its allowed time in s."""
     return recorded.delays_s(starts_ns, ends_ns) > _FELT * within_s
 
 
@@ -198,7 +198,7 @@ def _possibly(delayed: Delayed, is_possible: bool) -> Interval:
 def lost_share(
     recorded: Recorded, runs: Iterable[ProcessRun], depth: int, times_ns: Integers
 ) -> float:
-    """Return the greatest share of messages that one of some processes may have lost.
+    """Return the greatest share of messages possibly lost by one of some processes.
 
     A process loses nothing while the queues of its subscriptions have room.
 
@@ -238,7 +238,7 @@ class Publication:
     """Timing of a topic within a window, and the delays of its publisher."""
 
     recorded: Recorded
-    #: The process that publishes; None if it is unknown.
+    #: The publishing process; None if it is unknown.
     run: ProcessRun | None
     timing: Timing
     #: The window; None if the check has none, or if it never opened.
@@ -356,7 +356,7 @@ def rate(published: Publication, wanted_hz: float) -> Measured:
 def undelayed_rate(published: Publication, wanted_hz: float) -> Interval:
     """Return the lowest and the highest rate of a program on an idle machine, by all intervals, in Hz.
 
-    Neither bound goes beyond the wanted rate. The program lost at most the time that it waited for a core, and may have
+    Neither bound goes beyond the wanted rate. The program lost at most its time of waiting for a core, and may have
     sent messages late that were due before the window. A few delays do not change the median interval; many can
     lengthen half of the intervals.
     """
