@@ -209,7 +209,10 @@ def _mean(values: Sequence[float]) -> float:
 def _quantiles(context: Context, p: MessageLatency, there: _Answers) -> list[_Quantile]:
     """Judge each limit by the answered messages."""
     least_s, took_s = bounds.latencies(context.session, there.asked_ns, there.answered_ns)
-    return [_within(limit, took_s, least_s) for limit in p.limits]
+    quantiles = []
+    for limit in p.limits:
+        quantiles.append(_within(limit, took_s, least_s))
+    return quantiles
 
 
 def _doubt(context: Context, there: _Answers, quantiles: Sequence[_Quantile], lost: float) -> str:

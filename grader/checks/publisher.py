@@ -442,8 +442,11 @@ def _silence(context: Context, p: TopicRate, span: Span | None) -> _Silence:
 
 def _timers(context: Context) -> list[Claim]:
     """Return the timers that the student's nodes made, by the tap."""
-    claims = context.session.record.claims
-    return [claim for claim in claims if claim.kind == "timer" and claimed_at(claim)]
+    timers = []
+    for claim in context.session.record.claims:
+        if claim.kind == "timer" and claimed_at(claim):
+            timers.append(claim)
+    return timers
 
 
 #: Credit levels of evenness: a quantile has an error, so credit comes in halves.

@@ -124,7 +124,9 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     delay = Delayed(0.0, 1.0)
     if run is not None:
         delay = bounds.delay_of(context.session, run, _life(context, run))
-    parts = [_judge_reported(context, p, row, claims[row.name], delay) for row in rows]
+    parts = []
+    for row in rows:
+        parts.append(_judge_reported(context, p, row, claims[row.name], delay))
     measured = "no results"
     if any(part.text for part in parts):
         measured = ""

@@ -45,7 +45,7 @@ class Interval:
     why: str = ""
 
     def nearest(self, value: float) -> float:
-        """Return the value within the interval that is nearest to another one."""
+        """Return the value of the interval nearest to another one."""
         return min(max(value, self.low), self.high)
 
     def widened(self, error: float) -> Interval:
@@ -152,7 +152,7 @@ def latency(took_s: float, delayed: Delayed) -> Interval:
 def latencies(recorded: Recorded, starts_ns: Integers, ends_ns: Integers) -> tuple[Floats, Floats]:
     """Return the least and the greatest times between messages and their answers, in s.
 
-    A message that waits while the machine delays a process is answered as much later.
+    A message waiting for a delayed process is answered as much later.
     """
     took_s: Floats = (ends_ns - starts_ns) / 1e9
     waiting_ns = starts_ns - round(_WAITED_S * 1e9)
@@ -179,9 +179,9 @@ def absence(share: float, *delays: Delayed) -> Interval:
     Parameters
     ----------
     share
-        Share of each time that its delay must exceed.
+        Least delayed share of each time.
     delays
-        Delays within the times in which it was not seen.
+        Delays within the times without it.
     """
     delay_s = sum(each.delay_s for each in delays)
     whole = Delayed(delay_s, sum(each.length_s for each in delays))
