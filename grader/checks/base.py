@@ -9,6 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from grader.evidence.bounds import Interval
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import explain
@@ -277,6 +278,11 @@ class Part:
     #: True if another check charges its mistake.
     is_excused: bool = False
 
+    @classmethod
+    def between(cls, share: Interval, text: str = "", reason: str = "", hint: str = "") -> Part:
+        """Return a part with the least and the most share of an interval."""
+        return cls(share.low, text, reason, best=share.high, doubt=share.why, hint=hint)
+
     @property
     def most(self) -> float:
         """The most share."""
@@ -485,26 +491,6 @@ def _side(value: float, limit: float) -> int:
 def percent(share: float) -> str:
     """Write a share as in a rubric, such as `12.5%`."""
     return f"{100 * share:g}%"
-
-
-#: Least share of delays in a span after which every event in the span may depend on them.
-MANY_DELAYS = 0.25
-
-
-#: Shortest delay, in s, that is given as a cause; two decimal places show it.
-_LEAST_DELAY_S = 0.005
-
-
-def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
-    """Say that the delay of the machine may be the cause of a fault; empty for a delay too short to be shown."""
-    if delay_s < _LEAST_DELAY_S:
-        return ""
-    return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."
-
-
-def without_delay(value: float, delay_s: float, length_s: float) -> float:
-    """Return the most that a count or a rate may have been without the delay of the machine."""
-    return value / (1 - min(0.5, delay_s / max(length_s, 1e-9)))
 
 
 def describe_diagnosis(found: Diagnosis) -> str:

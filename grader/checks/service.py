@@ -553,12 +553,3 @@ def _judge_parameter(
     is_so = f"{got.value!r} ({got.type})"
     reason = f"{wanted.name} is {is_so}, not {wanted.value!r} ({wanted.type})."
     return Part(p.other_value_credit, reason=reason)
-
-
-def asking_delay_s(context: Context, span: Span, held_up_ns: int) -> float:
-    """Return the longest machine delay of a process within a span, in seconds.
-
-    The delays of the recorder and of the asking process, by its own record, are added.
-    """
-    own_s = context.session.recorder_delay_s(span) + held_up_ns / 1e9
-    return context.session.longest_delay_s(span) + own_s
