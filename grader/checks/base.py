@@ -129,7 +129,7 @@ class Context:
         return corrected(found, self.submission.texts)
 
     def overwritten(self, artifact: str | None) -> Diagnosis | None:
-        """Return the crash of a program by an attribute of rclpy's Node that it overwrites; None without one."""
+        """Return the crash of a program by an overwritten attribute of rclpy's Node; None without one."""
         found = None
         if artifact is not None:
             found = self.diagnosis(artifact)

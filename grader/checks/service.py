@@ -322,7 +322,7 @@ def _judge_state(context: Context, answered: _Answered, p: CallAnswered) -> Find
     later = _later_answers(context, p)
     finding = _contrary(answered, p, later)
     if finding is not None:
-        # Each request after which the opposite is reported misleads by itself.
+        # Each report of the opposite misleads by itself.
         return context.charge(finding, None, [p.again_charged_by])
     finding = _changed(answered, p, later)
     if finding is not None:
@@ -520,7 +520,7 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
 
 
 def _overwritten(context: Context) -> Part | None:
-    """Charge the attribute by which the node lost its parameters; None if it overwrites none."""
+    """Charge an overwritten attribute of the node; None without one."""
     students = context.session.students
     if not students:
         return None
