@@ -844,6 +844,8 @@ class _Given:
     value: Any
     #: True if the node declares it, but did not tell its value.
     is_unreadable: bool
+    #: True if the running node told its value.
+    is_read: bool
 
     @classmethod
     def of(cls, context: Context, wanted: WantedNodeParameter, entry: Process) -> _Given:
@@ -856,10 +858,10 @@ class _Given:
             result = GetParametersResult.of(step)
         running = result.read.get(wanted.name)
         if running is not None:
-            return cls(planned, running.value, False)
+            return cls(planned, running.value, is_unreadable=False, is_read=True)
         was_asked = step is not None and step.outcome == "done"
         is_unreadable = was_asked and result.declares(wanted.name)
-        return cls(planned, planned, is_unreadable)
+        return cls(planned, planned, is_unreadable, is_read=False)
 
 
 def _judge_parameter(
@@ -876,6 +878,8 @@ def _judge_parameter(
     value = given.value
     shown_value = "missing" if value is None else f"= {value!r}"
     text = f"{short}.{wanted.name} {shown_value}"
+    if given.planned is not None and not given.is_read:
+        text = f"{text} by the launch file (not read from the node)"
     if given.planned is None:
         own = f"; {value!r} is the node's own default" if value is not None else ""
         return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")

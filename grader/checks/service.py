@@ -383,7 +383,9 @@ def _contrary(
     for answer in (answered.response, *later):
         if _contradicts(p, answer):
             reason = f"It answers this request with {shown(answer)}, which means the opposite."
-            hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
+            hint = (
+                "Set the state to request.data first, and compose the message from the new state."
+            )
             return _less_for_answer(0.0, answered, reason, hint)
     return None
 

@@ -88,9 +88,9 @@ def _by_overwritten(found: Diagnosis, text: str) -> Diagnosis:
     line = _overwrites(text, "_parameters")
     if line is None:
         return found
-    problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters, so that none is declared."
+    problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters: declared ones are lost."
     remedy = "Give the attribute another name, for instance self._my_parameters."
-    return replace(found, kind=OVERWRITTEN, problem=problem, remedy=remedy, line=line)
+    return Diagnosis(OVERWRITTEN, problem, remedy, found.file, line, subject=found.subject)
 
 
 def _by_callback(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:

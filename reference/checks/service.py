@@ -196,7 +196,7 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
     mistyped = _mistyped(context, p)
     if mistyped and gate.off_from_start is None:
         reason = f"It refuses only by a value of its own type: {mistyped}"
-        found = gate.graded(0.0, reason, _SET_HINT)
+        found = gate.graded(0.0, reason, _TYPE_HINT)
         return context.charge(found, _parameter_cause(context.step(p.set_step)))
     if _fits(gate.on, p.recovered):
         return _judge_name(context, p, gate)
@@ -334,6 +334,7 @@ _DISALLOWS_HINT = (
 )
 _REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
 _SET_HINT = "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
+_TYPE_HINT = "Declare the parameter with a default of the type that the lab gives it, and use this type in the callback."
 
 
 class CallsInTime(BaseModel):

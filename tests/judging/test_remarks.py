@@ -43,6 +43,23 @@ def test_a_setting_of_the_session_is_named_once(tmp_path: Path) -> None:
     assert "costs no points" not in domain
 
 
+def charged(reason: str) -> CriterionResult:
+    """Return a criterion with one failed check."""
+    none = Decimal(0)
+    check = CheckResult("a", "A", Outcome.FAILED, none, none, none, reason=reason)
+    return CriterionResult("c", "C", none, none, none, (check,))
+
+
+def test_a_domain_named_by_a_check_is_no_remark(tmp_path: Path) -> None:
+    """The check charges it, and remarks stand under the words `None of this costs points`."""
+    claim = Claim("it", SESSION_VARIABLE, "ROS_DOMAIN_ID", file="it.py", line=3, value="7")
+    made = Session(tmp_path).process()
+    made.record.claims.append(claim)
+    criterion = charged("it.py, line 3 chooses the ROS domain 7.")
+    assert advisories_of([made.recorded()], submission(), [criterion]) == ()
+    assert advisories_of([made.recorded()], submission(), [charged("It is slow.")]) != ()
+
+
 def handed_in(**build: Any) -> SubmissionRecord:
     """Give a submission with a package and its build."""
     record = submission()
@@ -72,15 +89,5 @@ def test_a_fault_that_a_check_names_is_no_remark() -> None:
     record = handed_in(outcome="built", installed=["bin/talker"])
     (remark,) = advisories_of((), record, ())
     fault = remark.partition(" Write in")[0]
-    none = Decimal(0)
-    check = CheckResult(
-        "a",
-        "A",
-        Outcome.FAILED,
-        earned=none,
-        possible=none,
-        undecided=none,
-        reason=f"{fault} More.",
-    )
-    criterion = CriterionResult("c", "C", none, none, none, (check,))
+    criterion = charged(f"{fault} More.")
     assert advisories_of((), record, [criterion]) == ()

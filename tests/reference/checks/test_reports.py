@@ -509,7 +509,8 @@ def test_statistics_over_what_a_node_received_pass(tmp_path: Path) -> None:
     session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
     finding = judged(REPORTED_STATISTICS, STATISTICS, session)
     assert finding.outcome is Outcome.PASSED
-    assert "it lost the others" in finding.notes[0]
+    assert finding.expected.startswith(f"{finding.measured} from the ")
+    assert "reported messages" in finding.notes[0]
 
 
 def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
@@ -523,7 +524,8 @@ def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
     session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
     finding = judged(REPORTED_STATISTICS, STATISTICS, session)
     assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
-    assert "it lost the others" in finding.notes[0]
+    assert "from the 120 messages that the node reported" in finding.expected
+    assert "reported messages" in finding.notes[0]
 
 
 def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:
