@@ -847,6 +847,15 @@ class _Given:
     #: True if the running node told its value.
     is_read: bool
 
+    @property
+    def shown(self) -> str:
+        """The value and its origin in words."""
+        if self.value is None:
+            return "missing"
+        if self.is_read:
+            return f"= {self.value!r}"
+        return f"= {self.value!r} by the launch file (not read from the node)"
+
     @classmethod
     def of(cls, context: Context, wanted: WantedNodeParameter, entry: Process) -> _Given:
         """Look a parameter up in the plan and in the running node."""
@@ -876,10 +885,7 @@ def _judge_parameter(
     short = _short(wanted.node)
     given = _Given.of(context, wanted, entry)
     value = given.value
-    shown_value = "missing" if value is None else f"= {value!r}"
-    text = f"{short}.{wanted.name} {shown_value}"
-    if given.planned is not None and not given.is_read:
-        text = f"{text} by the launch file (not read from the node)"
+    text = f"{short}.{wanted.name} {given.shown}"
     if given.planned is None:
         own = f"; {value!r} is the node's own default" if value is not None else ""
         return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")
