@@ -115,7 +115,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     refuses = _fits(gate.off, p.refused)
     if _cannot_be_enabled(context, p):
         if _fits(gate.off, p.recovered) and _fits(gate.on, p.refused):
-            return gate.graded(p.half_credit, _REVERSED, "Invert the condition.")
+            return gate.graded(0.0, _REVERSED, "Invert the condition.")
         if not refuses or not _fits(gate.on, p.recovered):
             reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
             return not_reached(reason, expected=gate.expected)

@@ -150,8 +150,8 @@ def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
         )
 
 
-def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
-    """A node that follows the parameter in reverse earns half.
+def test_a_gate_the_wrong_way_round_earns_nothing(tmp_path: Path) -> None:
+    """A node that follows the parameter in reverse enables exactly while that is forbidden.
 
     If enabling fails otherwise, a refusal proves nothing. If the node enables later, the failure is
     charged in the enabling check, and not here again.
@@ -159,7 +159,7 @@ def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
     lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
     gate = {**GATED, "enables": "first"}
     for name, off, on, credit in (
-        ("a", True, False, "0.5"),
+        ("a", True, False, "0"),
         ("b", False, False, "0"),
         ("c", False, True, "1"),
     ):
@@ -170,7 +170,7 @@ def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
         )
         finding = judged(CALL_GATED, gate, session, findings=lost)
         assert finding.credit == Decimal(credit)
-        assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
+        assert (finding.outcome is Outcome.NOT_REACHED) == (name == "b")
 
 
 def test_a_parameter_that_cannot_be_set_is_reported(tmp_path: Path) -> None:
