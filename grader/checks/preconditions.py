@@ -90,11 +90,11 @@ def explained(measurement: Measurement) -> Finding | None:
     reason, hint, places = explanation
     others = [location for location in finding.where if location not in places]
     where = (*places, *others)
-    told = replace(finding, reason=reason, hint=hint or finding.hint, where=where)
+    reported = replace(finding, reason=reason, hint=hint or finding.hint, where=where)
     overwritten = context.overwritten(artifact)
     if overwritten is not None:
-        return context.charge(told, overwritten.problem)
-    return told
+        return context.charge(reported, overwritten.problem)
+    return reported
 
 
 def _explanation(context: Context, artifact: str, finding: Finding) -> Explanation | None:
@@ -313,7 +313,7 @@ def _is_in_graph(context: Context, kind: str, name: str) -> bool:
 
 
 def _went_on(context: Context, claim: Claim) -> bool:
-    """Tell whether a program ran until it was told to end, or was seen in the graph, without a fault."""
+    """Tell whether a program ran until it was reported to end, or was seen in the graph, without a fault."""
     run = context.session.process(claim.process)
     if run is None or run.limit is not None or context.explain(run) is not None:
         return False
