@@ -313,7 +313,7 @@ def _is_in_graph(context: Context, kind: str, name: str) -> bool:
 
 
 def _went_on(context: Context, claim: Claim) -> bool:
-    """Tell whether a program ran until it was reported to end, or was seen in the graph, without a fault."""
+    """Tell whether a program ran until it was told to end, or was seen in the graph, without a fault."""
     run = context.session.process(claim.process)
     if run is None or run.limit is not None or context.explain(run) is not None:
         return False
