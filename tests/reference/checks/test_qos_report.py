@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from grader.checks.registry import REGISTRY
 from grader.judging.judge import judge, open_recordings
 from grader.judging.rubrics import read_rubric
 from grader.result import Finding, Outcome
-from tests.synthetic import RELIABLE, Session, at, evenly, judged, submission
+from tests.synthetic import RELIABLE, Session, at, evenly, given, judged, submission
 
+REPORTED_TRAFFIC = "reference/checks/qos_report.py:reported_traffic"
 TOPIC = "/test_fast"
 REPORTED = {
     "artifact": "it",
@@ -35,7 +35,7 @@ def reported(folder: Path, line: str, latency_s: float = 0.001, listens: bool = 
         session.endpoint("subscription", TOPIC)
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=latency_s)
-    return judged("reported_traffic", REPORTED, session)
+    return judged(REPORTED_TRAFFIC, REPORTED, session)
 
 
 def row(count: int = 1000, mean_ms: float = 1.0, max_ms: float = 3.0, name: str = "fast") -> str:
@@ -56,7 +56,7 @@ def test_the_lambda_of_a_loop_is_named(tmp_path: Path, argument: str, is_named: 
         session.messages(topic, [[0.0]] * len(times), times, latency_s=0.001)
     rows = [*REPORTED["rows"], {"name": "slow", "topic": "/test_slow"}]
     record = submission({"it.py": LAMBDA.format(argument)})
-    finding = judged("reported_traffic", {**REPORTED, "rows": rows}, session, record)
+    finding = judged(REPORTED_TRAFFIC, {**REPORTED, "rows": rows}, session, record)
     assert finding.credit == 0
     assert ("the lambda in line 2" in finding.reason) == is_named
     assert (
@@ -135,9 +135,9 @@ def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> Non
         session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process(
             "it", lines
         )
-        assert judged("reported_traffic", wanted, session).credit == Decimal(credit)
+        assert judged(REPORTED_TRAFFIC, wanted, session).credit == Decimal(credit)
     silent = Session(tmp_path, "silent").process("it", ["fast: 0 msgs, no latency data"])
-    assert judged("reported_traffic", REPORTED, silent).outcome is Outcome.NOT_REACHED
+    assert judged(REPORTED_TRAFFIC, REPORTED, silent).outcome is Outcome.NOT_REACHED
 
 
 def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_callback_that_keeps_nothing_measures_nothing(
     times = evenly(100, 9.99)
     session.endpoint("subscription", TOPIC)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
-    finding = judged("reported_traffic", REPORTED, session, submission({"it.py": source}))
+    finding = judged(REPORTED_TRAFFIC, REPORTED, session, submission({"it.py": source}))
     assert finding.outcome is Outcome.PASSED
     assert bool(finding.unmeasured) == (not keeps)
     assert keeps or "it.py, line 3" in (finding.unmeasured or "")
@@ -185,7 +185,7 @@ def test_counts_that_the_machine_may_have_lowered_are_undecided(
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
     session.process("it", [row(850, mean_ms, max_ms)]).delayed("it", 3.0, 12.0)
-    assert judged("reported_traffic", REPORTED, session).outcome is Outcome.INCONCLUSIVE
+    assert judged(REPORTED_TRAFFIC, REPORTED, session).outcome is Outcome.INCONCLUSIVE
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_a_count_may_lack_what_a_short_queue_did_not_hold(
     session.process("it", [row(count)]).disturbed(
         "it", *((float(start_s), delay_s) for start_s in range(1, 11))
     )
-    assert judged("reported_traffic", REPORTED, session).outcome is outcome
+    assert judged(REPORTED_TRAFFIC, REPORTED, session).outcome is outcome
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_a_latency_may_be_later_by_what_the_machine_makes_a_message_wait(
     # A delay of 30 ms in each 50 ms: a message waits 9 ms on average, and 4 ms are allowed in any case.
     session.process("it", [row(999, mean_ms, 500.0)], exited_ns=at(10.2))
     session.disturbed("it", *((n / 20, 0.03) for n in range(2, 200)))
-    assert judged("reported_traffic", REPORTED, session).outcome is outcome
+    assert judged(REPORTED_TRAFFIC, REPORTED, session).outcome is outcome
 
 
 def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) ->
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
     session.process("it", [row(1100)]).delayed("it", 2.0, 12.0)
-    assert judged("reported_traffic", REPORTED, session).outcome is Outcome.FAILED
+    assert judged(REPORTED_TRAFFIC, REPORTED, session).outcome is Outcome.FAILED
 
 
 @pytest.mark.parametrize(
@@ -273,17 +273,20 @@ def test_numbers_that_stand_in_the_source_were_not_measured(
         **REPORTED,
         "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}],
     }
-    finding = judged("reported_traffic", wanted, session, submission({"it.py": source}))
+    finding = judged(REPORTED_TRAFFIC, wanted, session, submission({"it.py": source}))
     assert finding.outcome is outcome
     assert [place.file for place in finding.where[:1]] == [
         "it.py" if outcome is Outcome.FAILED else None
     ]
 
 
-def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:
-    """The groups are named when the rubric loads."""
-    with pytest.raises(ValidationError, match="count, mean_ms and max_ms"):
-        judged("reported_traffic", {**REPORTED, "pattern": "(x)"}, Session(tmp_path))
+def test_a_pattern_without_its_groups_is_an_error_without_lost_points(tmp_path: Path) -> None:
+    """The error names the groups."""
+    finding = judged(
+        REPORTED_TRAFFIC, {**REPORTED, "pattern": "(x)"}, Session(tmp_path).process("it")
+    )
+    assert finding.outcome is Outcome.ERROR
+    assert "count, mean_ms and max_ms" in finding.reason
 
 
 def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> None:
@@ -295,13 +298,13 @@ def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> No
         session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process(
             "it", lines
         )
-        assert judged("reported_traffic", REPORTED, session).outcome is Outcome.PASSED
+        assert judged(REPORTED_TRAFFIC, REPORTED, session).outcome is Outcome.PASSED
 
 
 @pytest.mark.parametrize(
     ("check", "parameters"),
     [
-        ("reported_traffic", {**REPORTED, "pattern": "("}),
+        (REPORTED_TRAFFIC, {**REPORTED, "pattern": "("}),
         ("call_answered", {"artifact": "it", "step": "enable", "response": {}, "message": "("}),
         ("readme", {"parts": [], "commands": ["("]}),
     ],
@@ -311,7 +314,7 @@ def test_a_pattern_that_does_not_compile_is_a_mistake_of_the_rubric(
 ) -> None:
     """A regular expression that is none is refused when the rubric loads, like any other wrong parameter."""
     with pytest.raises(ValidationError, match="not a valid regular expression"):
-        REGISTRY[check].parameters.model_validate(parameters)
+        given(check, parameters)
 
 
 @pytest.mark.parametrize("latency_s", [-0.2, 0.2])
@@ -358,7 +361,7 @@ def test_numbers_that_nothing_measured_are_for_a_person(kept: str, words: str | 
     """
     rubric = read_rubric(None)
     result = judge(
-        open_recordings(Path(__file__).resolve().parents[1] / "recordings" / kept, rubric), rubric
+        open_recordings(Path(__file__).resolve().parents[2] / "recordings" / kept, rubric), rubric
     )
     found = [check.unmeasured for check in result.checks if check.unmeasured]
     assert [words in text for text in found if words] == ([True] if words else [])

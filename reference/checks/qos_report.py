@@ -8,78 +8,44 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import Field, field_validator
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field
 
-from grader.checks.base import (
+from grader.own_checks import (
+    Artifact,
     Context,
+    Delayed,
+    Finding,
+    Location,
+    Outcome,
     Part,
+    Pattern,
+    ResultRow,
+    Run,
+    Share,
+    Topic,
     apart,
+    check,
     failed,
+    idle_callback,
+    late_lambda,
     not_reached,
     of_parts,
     percent,
 )
-from grader.checks.endpoints import claim_of, clash, student_endpoints
-from grader.evidence import bounds
-from grader.evidence.bounds import Delayed
-from grader.evidence.cpu_delay import Span, clipped
-from grader.evidence.recorded import Floats, clock_step_s
-from grader.evidence.source_causes import idle_callback, late_lambda
-from grader.evidence.text.result_rows import (
-    LINE_LIMIT,
-    ResultRow,
-    lines_naming,
-    plain_numbers,
-    result_row,
-    rounding_of,
-)
-from grader.lab import references as ref
-from grader.lab.patterns import compiled, search
-from grader.lab.references import Parameters, Pattern, Share
-from grader.recording.session import OutputLine, ProcessRun
-from grader.result import Finding, Location, Outcome
 
 
-def _unheard(context: Context, topic: str) -> str:
-    """Say why the student's own side cannot receive the messages on a topic; empty if it can."""
-    offers = student_endpoints(context, topic, "publisher")
-    requests = student_endpoints(context, topic, "subscription")
-    if not requests:
-        return f"Nothing subscribes to {topic}."
-    policy = None
-    if offers:
-        policy = clash(requests[0], offers[0].qos)
-    if policy is None:
-        return ""
-    return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
-
-
-def _life(context: Context, run: ProcessRun) -> Span:
-    return Span(run.started_ns, run.exited_ns or context.session.record.ended_ns)
-
-
-def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
-    """Return the number of messages written to a topic, up to a time if one is given."""
-    stream = context.session.stream(topic)
-    sequence = stream.sequence
-    if until_ns is not None:
-        sequence = sequence[stream.source_ns <= until_ns]
-    if len(sequence):
-        return int(sequence.max())
-    return 0
-
-
-class Row(Parameters):
+class Row(BaseModel):
     """The line of the results that begins with a name and reports on a topic."""
 
     name: str
-    topic: ref.Topic
+    topic: Topic
 
 
-class ReportedTraffic(Parameters):
+class ReportedTraffic(BaseModel):
     """Reported counts and latencies agree with the recording; each row is a part."""
 
-    artifact: ref.Artifact
+    artifact: Artifact
     rows: tuple[Row, ...] = Field(min_length=1)
     pattern: Pattern = Field(
         description="Regular expression with groups count, mean_ms and max_ms.",
@@ -96,21 +62,15 @@ class ReportedTraffic(Parameters):
         0.004, description="It may be above the recorded one by this much in any case."
     )
 
-    @field_validator("pattern")
-    @classmethod
-    def _has_groups(cls, value: str) -> str:
-        if not {"count", "mean_ms", "max_ms"} <= set(compiled(value).groupindex):
-            raise ValueError("the groups count, mean_ms and max_ms are needed")
-        return value
-
 
 #: Results by the names of their rows; None if a row was not printed.
 _Claims = Mapping[str, ResultRow | None]
 
 
+@check(commands=("python3 {artifact}",))
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
-    claims = {row.name: _claimed(context, p, row) for row in p.rows}
+    claims = context.result_rows(p.artifact, [row.name for row in p.rows], p.pattern)
     rows = [row for row in p.rows if _has_traffic(context, row, claims)]
     expected = f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
     if not rows:
@@ -120,17 +80,17 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     constants = _written_beforehand(context, p, printed)
     if constants:
         return _all_constants(expected, constants)
-    run = context.session.process(p.artifact)
+    run = context.process(p.artifact)
     delay = Delayed(0.0, 1.0)
     if run is not None:
-        delay = bounds.delay_of(context.session, run, _life(context, run))
+        delay = context.delayed(run, *context.life(run))
     parts = []
     for row in rows:
         parts.append(_judge_reported(context, p, row, claims[row.name], delay))
     measured = "no results"
     if any(part.text for part in parts):
         measured = ""
-    where = (context.output_of(p.artifact),)
+    where = (context.output_location(p.artifact),)
     finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.why)
     finding = _explained_by_lambda(context, p, finding, printed)
     return replace(finding, unmeasured=_unmeasured(context, p, rows, claims, finding))
@@ -141,7 +101,7 @@ def _explained_by_lambda(
 ) -> Finding:
     """Name the lambda of a loop if all messages were counted for one row."""
     path = context.path_of(p.artifact) or ""
-    late = late_lambda(context.submission.texts.get(path, ""))
+    late = late_lambda(context.text(path) or "")
     counting = [row for row in printed if row.count]
     if late is None:
         return finding
@@ -194,7 +154,7 @@ def _judge_reported(
         reason = f"There is no line with count and latency for {row.name}."
         hint = f"Print a line for each profile, as '{row.name}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
         return Part(0.0, reason=reason, hint=hint)
-    run = context.session.process(p.artifact)
+    run = context.process(p.artifact)
     written = _nearest_count(context, row, claim)
     usual = _usual_lateness(context, run, row.topic, written)
     worst = _worst_lateness(context, run, usual, written * delay.delay_s / delay.length_s)
@@ -213,12 +173,19 @@ def _judge_reported(
 
 def _nearest_count(context: Context, row: Row, claim: ResultRow) -> int:
     """Return the number of messages, of all or until the row was printed, that is nearest to the claim."""
-    counts = (_written(context, row.topic), _written(context, row.topic, claim.t_ns))
+    printed_s = context.since_start_s(claim.t_ns)
+    counts = (_written(context, row.topic), _written(context, row.topic, printed_s))
     return min(counts, key=lambda count: abs(count - claim.count))
 
 
+def _written(context: Context, topic: str, until_s: float = math.inf) -> int:
+    """Return the number of messages written to a topic, up to a time in s if one is given."""
+    messages = context.messages(topic)
+    return int(messages.sequence[messages.sent_s <= until_s].max(initial=0))
+
+
 def _usual_lateness(
-    context: Context, run: ProcessRun | None, topic: str, written: int
+    context: Context, run: Run | None, topic: str, written: int
 ) -> _Lateness:
     """Return the effects that the machine delays surely had."""
     if run is None:
@@ -228,7 +195,7 @@ def _usual_lateness(
 
 
 def _worst_lateness(
-    context: Context, run: ProcessRun | None, usual: _Lateness, pushed_out: float
+    context: Context, run: Run | None, usual: _Lateness, pushed_out: float
 ) -> _Lateness:
     """Return the greatest possible effects of the machine delays.
 
@@ -236,7 +203,7 @@ def _worst_lateness(
     """
     late_s = 0.0
     if run is not None:
-        late_s = context.session.backlog(run, _life(context, run)).late_s
+        late_s = context.backlog(run, *context.life(run)).late_s
     return _Lateness(max(late_s, usual.late_s), pushed_out)
 
 
@@ -251,20 +218,22 @@ def _unmeasured(
             counted.append(row)
     unheard = []
     for row in counted:
-        if not student_endpoints(context, row.topic, "subscription"):
+        if not context.endpoints(row.topic, "subscription"):
             unheard.append(row.topic)
     if unheard:
         return f"It counts messages on {', '.join(unheard)}, to which nothing of the submission subscribes."
     if len(counted) == len(rows) > 1 and finding.outcome is Outcome.FAILED:
         return f"None of the {len(rows)} counts that it prints is that of the messages in the recording."
     path = context.path_of(p.artifact) or ""
-    line = idle_callback(context.submission.texts.get(path, ""))
+    line = idle_callback(context.text(path) or "")
     if counted and line is not None:
         return f"It counts messages, but no callback of its subscriptions ({path}, line {line}) keeps anything of one."
     return None
 
 
 _NUMBER = re.compile(r"(?<![\w.])\d{1,15}(?:\.\d{1,15})?(?:[eE]-?\d{1,2})?(?![\w.])")
+#: Characters of a line of the source that are read.
+_LINE_LIMIT = 1000
 #: Number of different latencies that do not stand in a source by coincidence.
 _LEAST_LATENCIES = 4
 #: Greatest number of lines that are shown.
@@ -281,7 +250,7 @@ def _written_beforehand(
     Latencies may be in s, ms or µs. Empty if the source does not hold them all.
     """
     path = context.path_of(p.artifact) or ""
-    held = _numbers_in(context.submission.texts.get(path, ""))
+    held = _numbers_in(context.text(path) or "")
     latencies: set[float] = set()
     for claim in claims:
         latencies.update(value for value in (claim.mean_s, claim.max_s) if value)
@@ -301,7 +270,7 @@ def _numbers_in(source: str) -> dict[float, int]:
     """Return the numbers in a source, each with the last line that holds it."""
     held = {}
     for number, line in enumerate(source.splitlines(), 1):
-        for text in _NUMBER.findall(line[:LINE_LIMIT]):
+        for text in _NUMBER.findall(line[:_LINE_LIMIT]):
             held[float(text)] = number
     return held
 
@@ -314,69 +283,39 @@ def _line_of(value: float, held: Mapping[float, int]) -> int | None:
     return None
 
 
-def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
-    """Return the printed numbers of a row, by the pattern or in another readable form."""
-    output = context.session.output_of(p.artifact)
-    others = [other.name for other in p.rows if other is not row]
-    for loosely in (False, True):
-        found = _by_pattern(output, p.pattern, row.name, loosely=loosely)
-        if found is None:
-            found = result_row(output, row.name, others, loosely=loosely)
-        if found is not None:
-            return found
-    return None
-
-
-def _by_pattern(
-    output: Sequence[OutputLine], pattern: str, name: str, *, loosely: bool
-) -> ResultRow | None:
-    """Return the numbers of the first line that names a row and matches the pattern."""
-    lines = [line.text[:LINE_LIMIT] for line in output]
-    for place in lines_naming(lines, name, loosely=loosely):
-        match = search(pattern, plain_numbers(lines[place]))
-        if match:
-            mean_s = float(match["mean_ms"]) / 1e3
-            longest_s = float(match["max_ms"]) / 1e3
-            rounding_s = rounding_of(match["mean_ms"], 1e-3)
-            printed_ns = output[place].t_ns
-            return ResultRow(printed_ns, int(match["count"]), mean_s, longest_s, rounding_s)
-    return None
-
-
 #: Greatest share of the messages that is excused as lost from a queue.
 _MOST_UNHELD = 0.1
 
 
-def _unheld(context: Context, run: ProcessRun, topic: str) -> float:
+def _unheld(context: Context, run: Run, topic: str) -> float:
     """Return the number of messages that a queue lost while its node had no core.
 
     As many may be missing in a true count. One message may have come just as the node began to wait.
     """
-    claim = claim_of(context, "subscription", topic)
+    claim = context.claim("subscription", topic)
     depth = 1
     if claim is not None and claim.qos is not None:
         depth = claim.qos.depth
-    times = context.session.stream(topic).source_ns
-    if len(times) < 2:
+    times_s = context.messages(topic).sent_s
+    if len(times_s) < 2:
         return 0.0
-    lasted_s = float(times[-1] - times[0]) / 1e9
-    period_s = lasted_s / (len(times) - 1)
-    backlog = context.session.backlog(run, _life(context, run), (depth - 1) * period_s)
+    period_s = float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
+    start_s, end_s = context.life(run)
+    backlog = context.backlog(run, start_s, end_s, (depth - 1) * period_s)
     return backlog.lost_s / max(period_s, 1e-9)
 
 
-def _waits_s(context: Context, run: ProcessRun, topic: str) -> float:
+def _waits_s(context: Context, run: Run, topic: str) -> float:
     """Return the mean time in seconds that a message waits because the machine delays its node.
 
     It is half of a delay, weighed by the share of time in that delay. Other waiting is not included.
     """
-    times = context.session.stream(topic).source_ns
-    if not run.disturbed or len(times) < 2:
+    times_s = context.messages(topic).sent_s
+    if len(times_s) < 2:
         return 0.0
-    span = Span(int(times[0]), int(times[-1]))
-    delays = clipped(context.session.delays(run), span)
-    squares = sum((delay.delay_ns / 1e9) ** 2 for delay in delays)
-    return squares / 2 / max(span.duration_s, 1e-9)
+    start_s, end_s = float(times_s[0]), float(times_s[-1])
+    delays_s = context.noted_delays_s(run, start_s, end_s)
+    return float((delays_s**2).sum()) / 2 / max(end_s - start_s, 1e-9)
 
 
 def _judge_row(
@@ -392,10 +331,10 @@ def _judge_row(
     An impossible count earns nothing for the latency either.
     """
     counted = f"{row.name} reports {got.count} messages"
-    unheard = "" if got.count else _unheard(context, row.topic)
+    unheard = "" if got.count else context.unheard(row.topic)
     if unheard:
         return 0.5, f"{counted}, which is true. {unheard}"
-    if not student_endpoints(context, row.topic, "subscription"):
+    if not context.endpoints(row.topic, "subscription"):
         return 0.0, f"{counted}, but nothing subscribes to {row.topic}."
     slack = max(3.0, p.count_tolerance * written)
     least = written - slack - lateness.pushed_out
@@ -418,8 +357,8 @@ def _latency_problem(
     """
     if got.mean_s is None:
         return f"{row.name} reports {got.count} messages, but no latency."
-    stream = context.session.stream(row.topic)
-    latencies: Floats = (stream.received_ns - stream.source_ns) / 1e9
+    messages = context.messages(row.topic)
+    latencies = messages.received_s - messages.sent_s
     if not len(latencies):
         return ""
     if _stamped_otherwise(context, latencies):
@@ -459,10 +398,9 @@ def _reported_latency(row: Row, got: ResultRow, mean_s: float) -> str:
 _LEAST_MEDIAN_S, _MOST_MEDIAN_S, _RECORDER_BUSY = -0.001, 0.03, 0.2
 
 
-def _stamped_otherwise(context: Context, latencies: Floats) -> bool:
+def _stamped_otherwise(context: Context, latencies: NDArray[np.float64]) -> bool:
     """Tell whether the student's process stamped messages with other times than the publication."""
-    record = context.session.record
-    span = Span(record.started_ns, record.ended_ns)
-    busy = context.session.recorder_delay_s(span) > _RECORDER_BUSY * span.duration_s
+    whole_s = (0.0, context.duration_s)
+    busy = context.recorder_delay_s(*whole_s) > _RECORDER_BUSY * context.duration_s
     plausible = _LEAST_MEDIAN_S <= float(np.median(latencies)) <= _MOST_MEDIAN_S
-    return not plausible and not busy and not clock_step_s(record, span)
+    return not plausible and not busy and not context.clock_step_s(*whole_s)
