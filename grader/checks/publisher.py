@@ -346,7 +346,8 @@ _LASTING_S = 1.0
 def _change(context: Context, p: TopicRate, published: Publication) -> _Change | None:
     """Divide a window where the count of messages departs most from an even one.
 
-    None without two lasting parts of different usual intervals.
+    None without two lasting parts of different usual intervals, and none if the delays of the machine explain the
+    difference of their rates.
     """
     timing = published.timing
     span = published.span
@@ -366,8 +367,11 @@ def _change(context: Context, p: TopicRate, published: Publication) -> _Change |
     differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > p.full_within
     if not differs:
         return None
-    most_hz = bounds.undelayed_rate(published.part(second, after), p.rate_hz).high
-    return _Change(before, after, second, first.duration_s, most_hz)
+    rate_before = bounds.undelayed_rate(published.part(first, before), p.rate_hz)
+    rate_after = bounds.undelayed_rate(published.part(second, after), p.rate_hz)
+    if rate_before.meets(rate_after):
+        return None
+    return _Change(before, after, second, first.duration_s, rate_after.high)
 
 
 def _turn_ns(timing: Timing) -> int:

@@ -333,6 +333,19 @@ def test_a_rate_that_changes_for_good_is_judged_by_its_end(tmp_path: Path, turn_
     assert f"at 100.0 Hz for {turn_s:.1f} s, then at 50.0 Hz" in finding.reason
 
 
+def test_a_change_that_the_delays_of_the_machine_explain_is_none(tmp_path: Path) -> None:
+    """Under load, a loop with a sleep of 10 ms is slower for a while, by as much as it waited for its core."""
+    slow = evenly(1 / 0.016, 2.4)
+    usual = evenly(1 / 0.013, 7.0, 3.4)
+    delays = [(t + 0.001, 0.006) for t in slow] + [(t + 0.001, 0.003) for t in usual]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").window(1.0, 10.4)
+    times = [*slow, *usual]
+    session.messages(TOPIC, [[0.0] * 7] * len(times), times).disturbed("it", *delays)
+    finding = judged("topic_rate", RATE, session)
+    assert finding.outcome is Outcome.INCONCLUSIVE
+    assert "too busy to measure this" in finding.reason
+
+
 @pytest.mark.parametrize("gap_s", [(5.0, 5.4), (6.2, 6.6)], ids=["in the middle", "near the end"])
 def test_a_single_gap_is_no_change_of_the_rate(tmp_path: Path, gap_s: tuple[float, float]) -> None:
     """A gap costs its share of the rate in the whole window."""
