@@ -433,6 +433,13 @@ def _judge_row(
     least = written - slack - lateness.pushed_out
     if not least <= got.count <= written + slack:
         return _Judged(0.0, f"{counted}; {written} were published.")
+    return _judge_latency(context, p, row, got, lateness.late_s)
+
+
+def _judge_latency(
+    context: Context, p: ReportedTraffic, row: Row, got: ResultRow, late_s: float
+) -> _Judged:
+    """Judge the latency of a row with a right count."""
     if got.mean_s is None:
         return _Judged(0.5, f"{row.name} reports {got.count} messages, but no latency.")
     stream = context.session.stream(row.topic)
@@ -442,7 +449,7 @@ def _judge_row(
             f"The messages on {row.topic} have time stamps that are not their times of publication."
         )
         return _Judged(0.5, reason)
-    problem = _impossible_latency(p, row, got, got.mean_s, latencies, lateness.late_s)
+    problem = _impossible_latency(p, row, got, got.mean_s, latencies, late_s)
     if problem:
         return _Judged(0.5, problem, has_impossible_latency=True)
     if got.max_s is None:

@@ -731,16 +731,8 @@ def _heard_of_some(
 
 def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> _ReportCount:
     """Count the messages with a report, as far as the output was kept."""
-    streams = p.recorded(context) or {}
-    kept = ""
-    last_s = _output_kept_until_s(context, p)
-    if last_s is not None:
-        kept = ", as far as its output is kept: it printed more"
-        for role, stream in streams.items():
-            received = [context.since_start_s(t_ns) <= last_s for t_ns in stream.received_ns.tolist()]
-            streams[role] = stream.only(np.array(received))
-    count_messages = context.oracle(of.oracle)
-    possible = int(count_messages(streams, dict(p.parameters), context.seed))
+    streams, kept = _received_while_kept(context, p)
+    possible = int(context.oracle(of.oracle)(streams, dict(p.parameters), context.seed))
     lines = context.reports(p.artifact, p.pattern)
     heard = len(_without_repeats(context, p, lines))
     repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
@@ -753,12 +745,41 @@ def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> _Repo
         f"Only {heard} of {possible} messages led to a report.",
         doubt,
     )
+    mistake = _mistake_of_count(context, p, of, streams, heard)
+    if mistake is None:
+        return count
+    return replace(count, reason=f"{count.reason} {mistake.meaning}", leaves=mistake.credit)
+
+
+def _received_while_kept(
+    context: Context, p: ReportedSeries
+) -> tuple[dict[str, NumericStream], str]:
+    """Return the streams as far as the output of the node was kept, and a clause about that."""
+    streams = p.recorded(context) or {}
+    last_s = _output_kept_until_s(context, p)
+    if last_s is None:
+        return streams, ""
+    for role, stream in streams.items():
+        received = [context.since_start_s(t_ns) <= last_s for t_ns in stream.received_ns.tolist()]
+        streams[role] = stream.only(np.array(received))
+    return streams, ", as far as its output is kept: it printed more"
+
+
+def _mistake_of_count(
+    context: Context,
+    p: ReportedSeries,
+    of: ReportShare,
+    streams: Mapping[str, NumericStream],
+    heard: int,
+) -> FewerReports | None:
+    """Return the known mistake that leads to as many reports; None if there is none."""
+    if heard < _LEAST_OF_MISTAKE:
+        return None
     for fewer in of.fewer:
         alike = context.oracle(fewer.oracle)(streams, dict(p.parameters), context.seed)
-        if heard >= _LEAST_OF_MISTAKE and math.isclose(heard, alike, rel_tol=_SAME_COUNT):
-            reason = f"{count.reason} {fewer.meaning}"
-            return replace(count, reason=reason, leaves=fewer.credit)
-    return count
+        if math.isclose(heard, alike, rel_tol=_SAME_COUNT):
+            return fewer
+    return None
 
 
 #: Relative difference up to which two numbers of reports are the same.

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
-from oracles import expected_reports, reports_once_per_command, tracking_plateaus, tracking_statistics
+from oracles import (
+    expected_reports,
+    reports_once_per_command,
+    tracking_plateaus,
+    tracking_statistics,
+)
 from plateau_schedule import COMMAND, STATE, Event, PlateauSettings, plateaus, schedule
 
 from tests.thorough import part

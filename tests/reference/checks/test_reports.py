@@ -289,9 +289,7 @@ ONCE = {
 
 
 @pytest.mark.parametrize(("repeats", "credit"), [(20, 0.4375), (10, 0.875)])
-def test_a_command_that_is_used_once_is_named(
-    tmp_path: Path, repeats: int, credit: float
-) -> None:
+def test_a_command_that_is_used_once_is_named(tmp_path: Path, repeats: int, credit: float) -> None:
     """A report for each command and not for each state is a known mistake; as few reports otherwise are not."""
     session = Session(tmp_path)
     times = [1.0 + plateau + 0.02 * n for plateau in range(4) for n in range(STATES_EACH)]
