@@ -225,7 +225,7 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     timers = _timers(context)
     rate_hz = rate.likely(timing.rate_hz)
     shares = _rate_shares(p, rate)
-    change = _change(context, p, published)
+    change = _change(context, p, published, p.rate_hz)
     if change is not None and quantise(change.share(p)) <= quantise(shares.low) < 1:
         return _changed(context, p, change)
     return graded(
@@ -237,7 +237,33 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         best=shares.high,
         levels=CREDIT_LEVELS,
         doubt=shares.why,
+        hint=_pacing_hint(context, p, timers),
     )
+
+
+_SHORT_CALLBACK_HINT = "Keep the callback of the timer short: no sleep, no waiting, little output."
+_SLEEP = re.compile(r"\bsleep\s*\(")
+
+
+def _pacing_hint(context: Context, p: TopicRate, timers: Sequence[Claim]) -> str:
+    """Say how to mend the rate, by the timer or the sleep in the program; empty if it shows neither.
+
+    Example
+    -------
+    "Give the timer a period of 0.01 s."
+    """
+    if not timers:
+        run = p.run(context)
+        path = context.path_of(run.artifact or "") if run is not None else None
+        if _SLEEP.search(context.submission.texts.get(path or "", "")):
+            return "Publish from a timer: a loop with a sleep adds the time of its work to each period."
+        return ""
+    if len(timers) > 1 or not _NUMBER.fullmatch(timers[0].name):
+        return ""
+    wanted_s = 1 / p.rate_hz
+    if abs(float(timers[0].name) / wanted_s - 1) > p.full_within:
+        return f"Give the timer a period of {wanted_s:g} s."
+    return _SHORT_CALLBACK_HINT
 
 
 def _around_hz(p: TopicRate, deviation: float) -> tuple[float, float]:
@@ -343,10 +369,17 @@ class _Change:
 _LASTING_S = 1.0
 
 
-def _change(context: Context, p: TopicRate, published: Publication) -> _Change | None:
+#: Relative difference of usual intervals from which a rate has changed.
+_OTHER_RATE = 0.02
+
+
+def _change(
+    context: Context, p: _Timed, published: Publication, wanted_hz: float
+) -> _Change | None:
     """Divide a window where the count of messages departs most from an even one.
 
-    None without two lasting parts of different usual intervals.
+    None without two lasting parts of different usual intervals, and none if the delays of the machine explain the
+    difference of their rates.
     """
     timing = published.timing
     span = published.span
@@ -363,11 +396,14 @@ def _change(context: Context, p: TopicRate, published: Publication) -> _Change |
     after = timing_of(stream, second)
     if before is None or after is None:
         return None
-    differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > p.full_within
+    differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > _OTHER_RATE
     if not differs:
         return None
-    most_hz = bounds.undelayed_rate(published.part(second, after), p.rate_hz).high
-    return _Change(before, after, second, first.duration_s, most_hz)
+    rate_before = bounds.undelayed_rate(published.part(first, before), wanted_hz)
+    rate_after = bounds.undelayed_rate(published.part(second, after), wanted_hz)
+    if rate_before.meets(rate_after):
+        return None
+    return _Change(before, after, second, first.duration_s, rate_after.high)
 
 
 def _turn_ns(timing: Timing) -> int:
@@ -382,7 +418,7 @@ def _changed(context: Context, p: TopicRate, change: _Change) -> Finding:
     """Grade the rate with which a node goes on after a change."""
     before_hz = f"{change.before.rate_hz:.1f} Hz for {change.before_s:.1f} s"
     after_hz = f"{change.after.rate_hz:.1f} Hz"
-    return graded(
+    changed = graded(
         change.share(p),
         _expected_rate(p),
         f"{before_hz}, then {after_hz} for {change.span.duration_s:.1f} s",
@@ -391,6 +427,12 @@ def _changed(context: Context, p: TopicRate, change: _Change) -> Finding:
         where=(context.location(p.topic, change.span),),
         levels=CREDIT_LEVELS,
     )
+    return context.charge(changed, _changed_rate_of(p))
+
+
+def _changed_rate_of(p: _Timed) -> str:
+    """Name the mistake of a rate that changes, by its topic; it makes the intervals uneven too."""
+    return f"changed rate of {p.topic}"
 
 
 def _compared(rate_hz: float, p: TopicRate) -> str:
@@ -470,6 +512,14 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     if published is None or not len(published.timing.intervals_s):
         reason = "Too few messages arrived to measure the gaps between them."
         return unexplained(failed(expected, "too few messages", reason, where=where))
+    uneven = _unevenness(context, p, published)
+    if _change(context, p, published, published.timing.rate_hz) is None:
+        return uneven
+    return context.charge(uneven, _changed_rate_of(p))
+
+
+def _unevenness(context: Context, p: TopicJitter, published: Publication) -> Finding:
+    """Grade the quantile of the intervals' distances from their median."""
     timing = published.timing
     jitter = bounds.gaps(published, p.share, p.full_within_s / 2)
     deviation_s = jitter.nearest(timing.deviation_s(p.share))
@@ -479,13 +529,14 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     shares = jitter.credit(lambda off_s: ramp(off_s, p.full_within_s, p.zero_beyond_s))
     return graded(
         shares.low,
-        expected,
+        _expected_jitter(p),
         _shown_jitter(p, timing, apart(deviation_s * 1e3, *limits_ms, places=2)) + jitter.method,
         f"One gap in {round(1 / (1 - p.share))} is more than {off}.",
-        where=where,
+        where=(context.location(p.topic, p.span(context)),),
         best=shares.high,
         levels=_JITTER_LEVELS,
         doubt=shares.why,
+        hint=_SHORT_CALLBACK_HINT if _timers(context) else "",
     )
 
 

@@ -69,7 +69,10 @@ _Claims = Mapping[str, ResultRow | None]
 
 @check(commands=("python3 {artifact}",))
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
-    """Judge each row: half for the count, half for the latency."""
+    """Judge each row: half for the count, half for the latency.
+
+    A table with an impossible latency in each of its rows misleads, and earns half of the rest.
+    """
     claims = context.result_rows(p.artifact, [row.name for row in p.rows], p.pattern)
     rows = [row for row in p.rows if _has_traffic(context, row, claims)]
     expected = f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
@@ -87,6 +90,7 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     parts = []
     for row in rows:
         parts.append(_judge_reported(context, p, row, claims[row.name], delay))
+    parts = _misleading(parts)
     measured = "no results"
     if any(part.text for part in parts):
         measured = ""
@@ -146,29 +150,51 @@ class _Lateness:
     pushed_out: float
 
 
+@dataclass(frozen=True)
+class _RowPart(Part):
+    """Judgement of one row."""
+
+    #: True if its count is right and its latency impossible, whatever the machine delayed.
+    has_impossible_latency: bool = False
+
+
+def _misleading(parts: Sequence[_RowPart]) -> list[_RowPart]:
+    """Halve the shares of a table in which each of several latencies is impossible."""
+    if len(parts) < 2 or not all(part.has_impossible_latency for part in parts):
+        return list(parts)
+    return [replace(part, share=part.share / 2, best=part.share / 2) for part in parts]
+
+
 def _judge_reported(
     context: Context, p: ReportedTraffic, row: Row, claim: ResultRow | None, delay: Delayed
-) -> Part:
+) -> _RowPart:
     """Judge the printed numbers of one row."""
     if claim is None:
         reason = f"There is no line with count and latency for {row.name}."
         hint = f"Print a line for each profile, as '{row.name}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
-        return Part(0.0, reason=reason, hint=hint)
+        return _RowPart(0.0, reason=reason, hint=hint)
     run = context.process(p.artifact)
     written = _nearest_count(context, row, claim)
     usual = _usual_lateness(context, run, row.topic, written)
     worst = _worst_lateness(context, run, usual, written * delay.delay_s / delay.length_s)
-    share, reason = _judge_row(context, p, row, claim, written, usual)
-    best, _ = _judge_row(context, p, row, claim, written, worst)
+    judged = _judge_row(context, p, row, claim, written, usual)
+    best = _judge_row(context, p, row, claim, written, worst)
     if claim.mean_s is None:
         latency = "no latency"
     else:
         latency = f"{claim.mean_s * 1e3:.2f} ms"
     text = f"{row.name} {claim.count} of {written}, {latency}"
     hint = ""
-    if "incompatible" in reason:
+    if "incompatible" in judged.reason:
         hint = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
-    return Part(share, text, reason, best, hint=hint)
+    return _RowPart(
+        judged.share,
+        text,
+        judged.reason,
+        best.share,
+        hint=hint,
+        has_impossible_latency=best.has_impossible_latency,
+    )
 
 
 def _nearest_count(context: Context, row: Row, claim: ResultRow) -> int:
@@ -318,6 +344,15 @@ def _waits_s(context: Context, run: Run, topic: str) -> float:
     return float((delays_s**2).sum()) / 2 / max(end_s - start_s, 1e-9)
 
 
+@dataclass(frozen=True)
+class _Judged:
+    """Credit of a row, and the reason if it is not full."""
+
+    share: float
+    reason: str = ""
+    has_impossible_latency: bool = False
+
+
 def _judge_row(
     context: Context,
     p: ReportedTraffic,
@@ -325,54 +360,79 @@ def _judge_row(
     got: ResultRow,
     written: int,
     lateness: _Lateness,
-) -> tuple[float, str]:
-    """Return the credit of a row, and the reason if it is not full.
-
-    An impossible count earns nothing for the latency either.
-    """
+) -> _Judged:
+    """Judge a row. An impossible count earns nothing for the latency either."""
     counted = f"{row.name} reports {got.count} messages"
     unheard = "" if got.count else context.unheard(row.topic)
     if unheard:
-        return 0.5, f"{counted}, which is true. {unheard}"
+        return _Judged(0.5, f"{counted}, which is true. {unheard}")
     if not context.endpoints(row.topic, "subscription"):
-        return 0.0, f"{counted}, but nothing subscribes to {row.topic}."
+        return _Judged(0.0, f"{counted}, but nothing subscribes to {row.topic}.")
     slack = max(3.0, p.count_tolerance * written)
     least = written - slack - lateness.pushed_out
     if not least <= got.count <= written + slack:
-        return 0.0, f"{counted}; {written} were published."
-    problem = _latency_problem(context, p, row, got, lateness.late_s)
-    if problem:
-        return 0.5, problem
-    if got.max_s is None:
-        return 0.75, f"{row.name} reports no largest latency."
-    return 1.0, ""
+        return _Judged(0.0, f"{counted}; {written} were published.")
+    return _judge_latency(context, p, row, got, lateness.late_s)
 
 
-def _latency_problem(
+def _judge_latency(
     context: Context, p: ReportedTraffic, row: Row, got: ResultRow, late_s: float
+) -> _Judged:
+    """Judge the latency of a row with a right count."""
+    if got.mean_s is None:
+        return _Judged(0.5, f"{row.name} reports {got.count} messages, but no latency.")
+    messages = context.messages(row.topic)
+    latencies = messages.received_s - messages.sent_s
+    if len(latencies) and _stamped_otherwise(context, latencies):
+        reason = (
+            f"The messages on {row.topic} have time stamps that are not their times of publication."
+        )
+        return _Judged(0.5, reason)
+    problem = _impossible_latency(p, row, got, got.mean_s, latencies, late_s)
+    if problem:
+        return _Judged(0.5, problem, has_impossible_latency=True)
+    if got.max_s is None:
+        return _Judged(0.75, f"{row.name} reports no largest latency.")
+    return _Judged(1.0)
+
+
+#: Factors that make seconds of a mean in another unit, each with a sentence about it.
+_SLIPS = (
+    (1e3, "The value is right in seconds; multiply it by 1000 for ms."),
+    (1e-3, "The value is right in µs; divide it by 1000 for ms."),
+)
+
+
+def _impossible_latency(
+    p: ReportedTraffic,
+    row: Row,
+    got: ResultRow,
+    mean_s: float,
+    latencies: NDArray[np.float64],
+    late_s: float,
 ) -> str:
     """Say why a reported latency is impossible; empty if it is possible.
 
     No message comes much sooner than the soonest recorded one; a later one depends on the machine.
+
+    Parameters
+    ----------
+    latencies
+        float64[n]: Recorded latencies, in s.
+    late_s
+        Lateness that the machine can have caused, in s.
     """
-    if got.mean_s is None:
-        return f"{row.name} reports {got.count} messages, but no latency."
-    messages = context.messages(row.topic)
-    latencies = messages.received_s - messages.sent_s
     if not len(latencies):
         return ""
-    if _stamped_otherwise(context, latencies):
-        return (
-            f"The messages on {row.topic} have time stamps that are not their times of publication."
-        )
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s) + late_s
-    if _is_possible(got, got.mean_s, least_s, most_s):
+    if _is_possible(got, mean_s, least_s, most_s):
         return ""
-    reason = f"{_reported_latency(row, got, got.mean_s)}; recorded was {truth_s * 1e3:.2f} ms."
-    if least_s <= 1e3 * got.mean_s <= most_s:
-        reason += " The value is right in seconds; multiply it by 1000 for ms."
+    reason = f"{_reported_latency(row, got, mean_s)}; recorded was {truth_s * 1e3:.2f} ms."
+    for factor, said in _SLIPS:
+        if least_s <= factor * mean_s <= most_s:
+            return f"{reason} {said}"
     return reason
 
 

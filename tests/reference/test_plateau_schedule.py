@@ -43,19 +43,42 @@ def test_schedule_has_the_promised_length() -> None:
     first = next(k for k, event in enumerate(events) if event.role == COMMAND)
     assert first == 75
     assert sum(event.role == STATE for event in events[first:]) == 1100
-    assert sum(event.role == COMMAND for event in events) == 6 * 3
     assert events[-1].t_s < 9.0
 
 
 def test_schedule_is_in_order_and_silent_around_commands() -> None:
-    """Times never go back; between messages of different topics there is the whole silence, else a period."""
+    """Times never go back, and a new command comes in a silence before and after it."""
     settings = PlateauSettings()
-    for a, b in pairwise(schedule(2, settings)):
-        if a.role != b.role:
-            gap_s = settings.silence_s
-        else:
-            gap_s = settings.command_interval_s if a.role == COMMAND else 1 / settings.rate_hz
-        assert b.t_s - a.t_s == pytest.approx(gap_s)
+    events = schedule(2, settings)
+    assert all(a.t_s <= b.t_s for a, b in pairwise(events))
+    known = {}
+    changes = []
+    for event in events:
+        if event.role == COMMAND and known.get(COMMAND) != event.values:
+            changes.append(event.t_s)
+        known[event.role] = event.values
+    assert len(changes) == settings.plateaus
+    length_s = (settings.command_repeats - 1) * settings.command_interval_s
+    for t_s in changes:
+        before_s = max(event.t_s for event in events if event.t_s < t_s)
+        states_s = min(e.t_s for e in events if e.t_s > t_s and e.role == STATE)
+        assert t_s - before_s == pytest.approx(settings.silence_s)
+        assert states_s - t_s == pytest.approx(length_s + settings.silence_s)
+
+
+def test_commands_go_on_at_the_rate_of_a_controller() -> None:
+    """A subscriber with a use of its own for each command reports on two of three states, in each phase."""
+    settings = PlateauSettings(rate_hz=150)
+    is_new = False
+    reported = dict.fromkeys({e.values for e in schedule(3, settings) if e.role == STATE}, 0)
+    for event in schedule(3, settings):
+        if event.role == STATE:
+            reported[event.values] += is_new
+        is_new = event.role == COMMAND
+    _, drawn = plateaus(3, settings)
+    for plateau in drawn:
+        share = reported[plateau.state] / plateau.states
+        assert share == pytest.approx(2 / 3, abs=0.02)
 
 
 def test_schedule_comes_from_the_seed_alone() -> None:

@@ -116,6 +116,27 @@ def test_seconds_that_are_called_milliseconds_are_named(
     assert ("The value is right in seconds" in reason) == said
 
 
+@pytest.mark.parametrize(
+    ("means_ms", "credit"), [((1000.0, 1000.0), "0.25"), ((1000.0, 1.0), "0.75"), ((1.0, 1.0), "1")]
+)
+def test_a_table_of_impossible_latencies_misleads(
+    tmp_path: Path, means_ms: tuple[float, float], credit: str
+) -> None:
+    """Microseconds called ms make each row wrong, and cost more than a wrong latency in one row."""
+    names = ("fast", "slow")
+    lines = [row(1000, mean, 3 * mean, name) for name, mean in zip(names, means_ms, strict=True)]
+    session = Session(tmp_path).process("it", lines)
+    times = evenly(100, 9.99)
+    for topic in (TOPIC, "/test_slow"):
+        session.endpoint("publisher", topic).endpoint("subscription", topic)
+        session.messages(topic, [[0.0]] * len(times), times, latency_s=0.001)
+    rows = [*REPORTED["rows"], {"name": "slow", "topic": "/test_slow"}]
+    finding = judged(REPORTED_TRAFFIC, {**REPORTED, "rows": rows}, session)
+    assert finding.credit == Decimal(credit)
+    is_named = "The value is right in µs; divide it by 1000 for ms." in finding.reason
+    assert is_named == (max(means_ms) == 1000.0)
+
+
 def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:
     """A topic without traffic costs points for the traffic.
 
