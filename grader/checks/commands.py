@@ -64,7 +64,7 @@ def commands_of(
         return ()
     scope = _Scope(spec, rubric, submission, used, finding.reason)
     lines: dict[str, None] = {}
-    for template in _templates(spec):
+    for template in _templates(spec, finding):
         for line in scope.filled(template):
             lines.setdefault(line)
             if len(lines) == _MOST:
@@ -78,8 +78,13 @@ def _is_missing(spec: CheckSpec, submission: SubmissionRecord) -> bool:
     return any(getattr(spec.parameters, name, None) in missing for name in _FILES)
 
 
-def _templates(spec: CheckSpec) -> tuple[str, ...]:
-    """Return the templates of a check, which a lab's own check states itself."""
+def _templates(spec: CheckSpec, finding: Finding) -> tuple[str, ...]:
+    """Return the templates of a check, which a lab's own check states itself.
+
+    The list of topics holds a silent publisher too, so an echo shows that one.
+    """
+    if finding.is_silent:
+        return _ECHO
     if isinstance(spec.parameters, OwnParameters):
         return spec.parameters.traits.commands
     return _COMMANDS.get(spec.check, ())

@@ -127,8 +127,8 @@ def _never_sent(
     """
     used = context.session.used(p.topic)
     found_type = _first_other([endpoint.type for endpoint in endpoints], p.type)
-    reason = f"The publisher on {used} exists, but no message from it arrived.{_by_timer(_timers(context))}"
-    measured = f"{found_type} on {used}, 0 messages"
+    reason = f"The publisher on {used} exists, but no message from it was recorded.{_by_timer(_timers(context))}"
+    measured = f"{found_type} on {used}, no message recorded"
     if not _ran_on(context, p.artifact):
         return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
     part = Part(p.silent_credit, measured, reason, hint=_NO_TIMER_HINT)
@@ -305,7 +305,7 @@ def _too_few_messages(context: Context, p: TopicRate, span: Span | None) -> Find
     if span:
         inside = (times_ns >= span.start_ns) & (times_ns <= span.end_ns)
         count = int(inside.sum())
-    arrived = f"Only {count} messages arrived" if count else "No message arrived"
+    arrived = f"Only {count} messages were recorded" if count else "No message was recorded"
     reason = f"{arrived}, too few to measure a rate."
     where = _rate_locations(context, p, span, _timers(context))
     return unexplained(failed(_expected_rate(p), f"{count} messages", reason, where=where))

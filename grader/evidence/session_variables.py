@@ -17,8 +17,6 @@ from grader.recording.submission import SubmissionRecord
 from launch_plan.plan import MalformedPlanError, Plan, Process
 
 DOMAIN = "ROS_DOMAIN_ID"
-#: Remedy for a program that chooses its domain.
-LEAVE_DOMAIN = f"Leave the domain to the terminal: take {DOMAIN} or domain_id out of the program."
 #: First characters of the names: ROS domain and discovery, security, RMW, and settings of DDS and Zenoh.
 PREFIXES = (
     DOMAIN,
@@ -41,6 +39,11 @@ _DEFAULT_DOMAIN = ("", "0")
 _KEYWORDS = ("domain_id", DOMAIN)
 #: Longest text of a value that is quoted.
 _QUOTED = 40
+
+
+def leave_domain(place: str) -> str:
+    """Return the remedy for a program that chooses its domain at a place, such as `talker.py, line 7`."""
+    return f"Take the domain out of {place}: {DOMAIN} of the terminal decides which domain a program joins."
 
 
 def is_sessions(name: str) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from grader.evidence.crash.causes import Diagnosis
-from grader.evidence.session_variables import DOMAIN, LEAVE_DOMAIN, set_in
+from grader.evidence.session_variables import DOMAIN, leave_domain, set_in
 from grader.evidence.text.syntax import code_of, normalise, tree_of
 
 #: Kind of the cause of a program that speaks in another ROS domain.
@@ -39,7 +39,7 @@ def silent_cause(path: str, text: str, is_in_graph: bool = False) -> Diagnosis |
         if value == _USUAL:
             continue
         problem = f"The program speaks in ROS domain {value}, and the nodes of this session in another one."
-        remedy = LEAVE_DOMAIN
+        remedy = leave_domain(f"{path}, line {line}")
         return Diagnosis(OTHER_DOMAIN, problem, remedy, path, line, subject=value)
     sleep = _sleep_without_spin(tree)
     if sleep is None:

@@ -30,7 +30,7 @@ from grader.evidence.gaps import (
     unread,
 )
 from grader.evidence.recorded import Recorded
-from grader.evidence.session_variables import LEAVE_DOMAIN, Asked, asked_in
+from grader.evidence.session_variables import Asked, asked_in, leave_domain
 from grader.judging.invalidated import Referents, not_measurable, referents, without_rest
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
@@ -101,7 +101,7 @@ def _not_tested(case: Case, required_id: str, earlier: Finding) -> Finding:
         return not_reached(earlier.reason, blocked_by=earlier.blocked_by)
     why = f"'{title}' failed"
     if earlier.is_silent:
-        why = f"nothing was published, as '{title}' says"
+        why = f"no messages were recorded, as '{title}' says"
     elif earlier.passes_on is not None:
         why = f"nothing arrives at your node, as '{title}' says"
     return not_reached(f"Not tested, because {why}.", blocked_by=required_id)
@@ -314,7 +314,8 @@ def other_domain(case: Case) -> Finding | None:
         outcome=Outcome.FAILED,
         credit=max(Decimal(0), case.found.credit - Decimal(str(costs))),
         reason=f"{judged} {case.found.reason}".strip(),
-        hint=LEAVE_DOMAIN,
+        measured=f"nothing in the domain of the lab; in the domain of the session, {case.found.measured}",
+        hint=leave_domain(asked.place),
         where=(Location(file=asked.file, line=asked.line), *case.found.where),
     )
     if charged.credit:
@@ -336,11 +337,13 @@ def _other_domain_of(case: Case) -> Asked | None:
 def repaired(case: Case) -> Finding | None:
     """Give a share of the credit if a required file failed and was repaired on a copy."""
     finding = case.found
-    earlier = _first_repaired(case, case.spec)
-    if earlier is None or not finding.credit:
+    id_ = _first_repaired(case, case.spec)
+    if id_ is None or not finding.credit:
         return None
+    earlier = case.context.findings[id_]
     share = earlier.passes_on or Decimal(1)
-    reason = f"It was judged on a repaired copy, where it earns {float(share):.0%}."
+    title = case.context.titles[id_]
+    reason = f"Judged on a copy that was repaired, as '{title}' says; {1 - float(share):.0%} are lost by that."
     return replace(
         finding,
         outcome=Outcome.PARTIAL,
@@ -350,15 +353,16 @@ def repaired(case: Case) -> Finding | None:
     )
 
 
-def _first_repaired(case: Case, spec: CheckSpec) -> Finding | None:
-    """Return the first finding with a repaired file among the checks that one requires, directly or not."""
+def _first_repaired(case: Case, spec: CheckSpec) -> str | None:
+    """Return the id of the first check with a repaired file that one requires, directly or not."""
     by_id = {each.id: each for each in case.rubric.checks()}
     for id_ in spec.requires:
         earlier = case.context.findings.get(id_)
-        if earlier is None or not earlier.passes_on:
-            earlier = _first_repaired(case, by_id[id_])
-        if earlier is not None:
-            return earlier
+        if earlier is not None and earlier.passes_on:
+            return id_
+        further = _first_repaired(case, by_id[id_])
+        if further is not None:
+            return further
     return None
 
 

@@ -121,7 +121,7 @@ def test_a_mistake_that_another_check_charged_costs_nothing(tmp_path: Path) -> N
     earlier = {"earlier": failed("", "", "It was charged.")}
     finding = judged("call_value", {**ORACLE, "alternatives": [known]}, session, findings=earlier)
     assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
-    assert finding.reason.endswith("Also wrong here, charged under 'earlier'.")
+    assert finding.reason.endswith("This mistake is charged under 'earlier', and not again here.")
 
 
 def doubled(request: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:

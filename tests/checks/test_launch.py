@@ -395,7 +395,7 @@ def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
     finding = nodes(session, listen_receives=FAILED)
     assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
     assert finding.reason == (
-        "listen was not started. Also wrong here, charged under 'listen.receives'."
+        "listen was not started. This mistake is charged under 'listen.receives', and not again here."
     )
     assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
 
@@ -405,7 +405,7 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
     session = planned(Session(tmp_path), processes=BOTH)
     finding = nodes(session, submission(it=None))
     assert finding.outcome is Outcome.EXCUSED
-    assert finding.reason.count("Also wrong here") == 2
+    assert finding.reason.count("This mistake is charged") == 2
 
 
 @pytest.mark.parametrize(

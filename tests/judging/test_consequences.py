@@ -79,6 +79,16 @@ def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) 
     assert abs(late.final - late.score.earned * Decimal("0.9")) <= Decimal("0.05")
 
 
+def test_a_check_of_a_repaired_file_says_what_the_repair_costs(rubric: Rubric) -> None:
+    """What was measured is what was expected, so that the reason alone explains the loss."""
+    result = judge(open_recordings(KEPT / "launch_wrong_executable", rubric), rubric)
+    found = next(check for check in result.checks if check.id == "launch.arguments")
+    title = "The launch file loads as handed in"
+    assert found.reason == (
+        f"Judged on a copy that was repaired, as '{title}' says; 25% are lost by that."
+    )
+
+
 @pytest.mark.parametrize("name", COMPOSED)
 def test_a_mistake_costs_no_more_where_nodes_share_a_process(
     name: str, tmp_path: Path, rubric: Rubric

@@ -91,7 +91,7 @@ def test_a_silent_publisher_is_judged_by_its_endpoint(tmp_path: Path) -> None:
     findings = judged(tmp_path, session(tmp_path, "alone", 0))
     assert credits_of(findings) == ["0.2", "0", "0", "1"]
     assert findings["rate"].outcome is Outcome.NOT_REACHED
-    assert "nothing was published, as 'publishes' says" in findings["rate"].reason
+    assert "no messages were recorded, as 'publishes' says" in findings["rate"].reason
     assert findings["reliable"].outcome is Outcome.PASSED
 
 

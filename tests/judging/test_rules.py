@@ -145,6 +145,8 @@ def test_a_domain_of_its_own_is_charged_as_another_name(tmp_path: Path) -> None:
     assert "ROS domain 30" in found.reason
     assert (found.where[0].file, found.where[0].line) == ("it.py", 3)
     assert found.causes == ("domain of it.py",)
+    assert found.measured.startswith("nothing in the domain of the lab; ")
+    assert found.hint.startswith("Take the domain out of it.py, line 3: ")
 
 
 def test_the_default_domain_costs_nothing(tmp_path: Path) -> None:

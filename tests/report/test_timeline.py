@@ -168,11 +168,23 @@ def test_steps_say_what_came_of_them(tmp_path: Path) -> None:
     late, near = (moment for moment in moments if moment.style == "wait")
     assert (late.text, late.note, late.trouble) == (
         "waiting for publisher /cmd (topic)",
-        "not in time",
+        "gave up waiting",
         True,
     )
     assert near.note == "found as /comd"
     assert of(moments, "step").note == "refused: rate: 'too high'"
+
+
+def test_steps_are_named_in_words(tmp_path: Path) -> None:
+    """Labels are keys of a rubric, and `*` stands for all programs; a window without a message says so."""
+    session = Session(tmp_path)
+    window = {"duration_s": 9.5, "first_message_on": "/cmd"}
+    session.step("observe", "while_off", "timeout", parameters=window, topic="/cmd")
+    session.step("interrupt", "", parameters={"process": "*"})
+    silent, ended = lane(drawn(session), "steps")
+    assert silent.text == "observing for 9.5 s (while off)"
+    assert silent.note == "gave up waiting; no message on /cmd"
+    assert ended.text == "interrupting all programs"
 
 
 def call(start_s: float, answer: Any, took_s: float = 0.001) -> dict[str, Any]:

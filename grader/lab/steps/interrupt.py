@@ -29,3 +29,9 @@ class InterruptStep(Step):
 
     process: ref.StudentProcesses
     timeout_s: float = Field(4.0, gt=0, le=60)
+
+    def describe(self) -> str:
+        """Name the process, or say that all programs are interrupted."""
+        if self.process == "*":
+            return "interrupting all programs"
+        return super().describe()

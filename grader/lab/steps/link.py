@@ -69,7 +69,7 @@ class LinkStep(Step):
 
     kind = "link"
     result = LinkResult
-    words = "the student's profiles on a link that loses packets"
+    words = "the QoS profiles on a link that loses packets"
 
     topics: tuple[ref.Topic, ...] = Field(min_length=1, max_length=8)
     loss: tuple[ref.Share, ...] = Field(

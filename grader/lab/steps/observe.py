@@ -21,6 +21,12 @@ class ObserveResult(StepResult):
     closed_ns: int | None = None
     topic: str | None = None
 
+    def note(self) -> str:
+        """Name the topic without a first message."""
+        if self.topic is None:
+            return ""
+        return f"no message on {self.topic}"
+
 
 class ObserveStep(Step):
     """Let the system run for a time; the window opens with the first message on `first_message_on`.

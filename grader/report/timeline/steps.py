@@ -59,7 +59,8 @@ def _label(step: StepRun) -> str:
     """Return a step's own label in parentheses, if it has one."""
     if not step.label:
         return ""
-    return f" ({step.label})"
+    words = step.label.replace("_", " ")
+    return f" ({words})"
 
 
 def _described(step: StepRun) -> str:
@@ -79,7 +80,7 @@ def _described(step: StepRun) -> str:
 
 def _note(step: StepRun) -> str:
     """Describe the outcome of a step."""
-    outcomes = {"done": "", "timeout": "not in time"}
+    outcomes = {"done": "", "timeout": "gave up waiting"}
     model = STEPS.get(step.kind, Step)
     result = model.result.of(step)
     outcome = outcomes.get(step.outcome, step.outcome)
