@@ -225,6 +225,11 @@ class Submission:
         """Paths of all files."""
         return tuple(file.path for file in self._inner.submission.files)
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Paths of files and folders that were handed in and left out of the grading, such as "ws/build/"."""
+        return tuple(note.partition(": ")[0] for note in self._inner.submission.left_out)
+
     def text(self, path: str) -> str | None:
         """Return the contents of a file; None if it is missing, is no text, or is too large to be kept."""
         return self._inner.submission.texts.get(path)

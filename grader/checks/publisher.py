@@ -202,11 +202,17 @@ class TopicRate(_Timed):
         description="Relative deviation up to which credit is full, e.g. 2%."
     )
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
+    at_least: bool = Field(False, description="Whether a higher rate costs nothing.")
+
+    def counted_hz(self, rate_hz: float) -> float:
+        """Return the rate that counts: at most the wanted one if a higher rate costs nothing."""
+        return min(rate_hz, self.rate_hz) if self.at_least else rate_hz
 
 
 def _rate_shares(p: TopicRate, rate: Interval) -> Interval:
     """Return the worst and the best share of credit that a rate can earn."""
-    return rate.off(p.rate_hz).credit(lambda off: ramp(off, p.full_within, p.zero_beyond))
+    counted = Interval(p.counted_hz(rate.low), p.counted_hz(rate.high), rate.why)
+    return counted.off(p.rate_hz).credit(lambda off: ramp(off, p.full_within, p.zero_beyond))
 
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
@@ -274,6 +280,10 @@ def _around_hz(p: TopicRate, deviation: float) -> tuple[float, float]:
 def _expected_rate(p: TopicRate) -> str:
     full_low, full_high = _around_hz(p, p.full_within)
     zero_low, zero_high = _around_hz(p, p.zero_beyond)
+    if p.at_least:
+        return (
+            f"at least {full_low:g} Hz for full credit; less if slower; none below {zero_low:g} Hz"
+        )
     full = f"{full_low:g} to {full_high:g} Hz for full credit"
     return f"{full}; less the further off; none below {zero_low:g} or above {zero_high:g} Hz"
 
@@ -361,7 +371,7 @@ class _Change:
         A single gap leaves the usual interval as it is, and the rate of the whole window tells of it.
         """
         rates_hz = (self.after.rate_hz, self.most_hz, 1 / max(self.after.median_s, 1e-9))
-        nearest_off = min(abs(rate_hz / p.rate_hz - 1) for rate_hz in rates_hz)
+        nearest_off = min(abs(p.counted_hz(rate_hz) / p.rate_hz - 1) for rate_hz in rates_hz)
         return ramp(nearest_off, p.full_within, p.zero_beyond)
 
 

@@ -454,7 +454,7 @@ RefusalLabel = Annotated[
 TransitionLabel = Annotated[str, step_label("change_state")]
 ExitLabel = Annotated[str, step_label("wait_exit")]
 LinkLabel = Annotated[str, step_label("link")]
-Window = Annotated[str, step_label("observe")]
+Window = Annotated[str, step_label("observe", "publish")]
 Process = Annotated[str, _process()]
 StudentProcesses = Annotated[str, _process("*")]
 

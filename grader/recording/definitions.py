@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from grader.recording.interfaces import InterfacePackage
+from grader.recording.interfaces import InterfacePackage, shipped_packages
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
@@ -192,6 +192,11 @@ def also_defined(packages: Sequence[InterfacePackage]) -> Iterator[None]:
         _at_hand.reset(token)
 
 
+def _packages_at_hand() -> tuple[InterfacePackage, ...]:
+    """Return the packages whose definitions are known without an installation; the first of a name counts."""
+    return (*_at_hand.get(), *shipped_packages())
+
+
 _FIELD_STEP = re.compile(r"\.?([A-Za-z_]\w*)|[.\[](\d+)\]?")
 _FIELD_PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*")
 
@@ -217,7 +222,7 @@ def fields_of(name: str) -> Mapping[str, str] | None:
     The name may also be that of a service's request or response, such as "std_srvs/srv/SetBool_Request". None if the
     type is not known here.
     """
-    for package in _at_hand.get():
+    for package in _packages_at_hand():
         if name in package.fields:
             return _spelled_fields(package.fields[name][1])
     return installed_fields(name)
@@ -258,7 +263,7 @@ def _spelled(nodetype: int, kind: Any) -> str:
 def types_in(package: str, folder: str) -> tuple[str, ...]:
     """Return the types of a package in its folder ("msg", "srv"); none if the package is not known here."""
     found: set[str] = set()
-    for own in _at_hand.get():
+    for own in _packages_at_hand():
         if own.name == package:
             found.update(name for name in own.types if f"/{folder}/" in name)
     if found:
@@ -284,7 +289,7 @@ def packages_with(folder: str) -> tuple[str, ...]:
     for share in share_folders():
         for path in share.glob(f"*/{folder}/*.{folder}"):
             packages.add(path.parts[-3])
-    for own in _at_hand.get():
+    for own in _packages_at_hand():
         if any(f"/{folder}/" in name for name in own.types):
             packages.add(own.name)
     return tuple(sorted(packages))

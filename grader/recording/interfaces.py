@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -24,6 +24,8 @@ _FILE = re.compile(r"(msg|srv|action)/[A-Z][A-Za-z0-9]*\.\1")
 #: Package of a field's type, at the beginning of a line.
 _TYPE = re.compile(r"[ \t]*([a-z][a-z0-9_]*)/[A-Z]")
 _SEPARATOR = re.compile(r"^---[ \t]*$", re.MULTILINE)
+#: Definitions of ROS packages that cannot be installed with pip, as <package>/<msg|srv|action>/<name>.
+_SHIPPED = Path(__file__).parent / "shipped"
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,19 @@ class InterfacePackage:
         stems = [PurePosixPath(file).with_suffix("") for file in self.files]
         return frozenset(f"{self.name}/{stem}" for stem in stems)
 
+    def named_in(self, text: str) -> InterfacePackage:
+        """Return the package with only the types that a text names, and those that they use; whole if it names none."""
+        stems = {_stem(file): file for file in self.files}
+        named: set[str] = set()
+        waiting = {stem for stem in stems if _is_word(stem, text)}
+        while waiting:
+            stem = waiting.pop()
+            named.add(stem)
+            used = self.files[stems[stem]]
+            waiting |= {other for other in stems if other not in named and _is_word(other, used)}
+        files = {file: content for file, content in self.files.items() if _stem(file) in named}
+        return InterfacePackage(self.name, files or self.files)
+
     @cached_property
     def fields(self) -> Mapping[str, Any]:
         """Fields of each message in it, those of services and actions included, as `rosbags` describes them.
@@ -84,6 +99,14 @@ class InterfacePackage:
                 name = f"{self.name}/{path.with_suffix('')}{part}"
                 found[name] = _parsed(file, section, self.name)
         return found
+
+
+def _stem(file: str) -> str:
+    return PurePosixPath(file).stem
+
+
+def _is_word(name: str, text: str) -> bool:
+    return re.search(rf"\b{name}\b", text) is not None
 
 
 def _parsed(file: str, text: str, package: str) -> Any:
@@ -121,6 +144,12 @@ def read_folder(folder: Path) -> dict[str, str]:
         if is_wanted and path.is_file():
             texts[path.relative_to(folder).as_posix()] = path.read_text(encoding="utf-8")
     return texts
+
+
+@lru_cache(maxsize=1)
+def shipped_packages() -> tuple[InterfacePackage, ...]:
+    """Return the packages of definitions that come with the grader, such as `ackermann_msgs`."""
+    return tuple(packages_of(read_folder(_SHIPPED)))
 
 
 def in_order(packages: Iterable[InterfacePackage]) -> list[InterfacePackage]:

@@ -244,6 +244,17 @@ def test_credit_for_a_rate_falls_in_even_steps(
     )
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "credit"), [(1000, 1.0), (300, 1.0), (98.5, 1.0), (90, 0.5), (80, 0.0), (2, 0.0)]
+)
+def test_a_least_rate_may_be_exceeded(tmp_path: Path, rate_hz: float, credit: float) -> None:
+    """With `at_least` a higher rate earns full credit, and a lower one as much as without."""
+    session = published(tmp_path, evenly(rate_hz, 6.0))
+    finding = judged("topic_rate", {**RATE, "at_least": True}, session)
+    assert float(finding.credit) == pytest.approx(credit, abs=0.05)
+    assert finding.expected.startswith("at least 98 Hz for full credit")
+
+
 def test_the_reason_says_slower_or_faster(tmp_path: Path) -> None:
     """A wrong rate is told with its direction and its number."""
     assert "90.0 Hz, 10.0% slower" in rate(tmp_path / "slow", 90).reason

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from grader.live.interfaces.build import lacking_toolchain
+from grader.live.interfaces.build import lacking_toolchain, shipped_for
 from tests.live.sample import ROOT, grade
 from tests.thorough import part
 
@@ -36,16 +36,13 @@ SUBMISSIONS = submissions()
 CHOSEN = part(SUBMISSIONS, 75, os.environ.get("FIXTURES", "") == "all")
 #: Most gradings of one submission, each with the repetitions of a grading.
 MOST_GRADINGS = 2
-#: Types that the wheels of ROS lack, and which are built.
-BUILT = "tf2_msgs/"
 
 
 def skip_unless_built(lab: Path) -> None:
     """Skip a lab with interfaces that cannot be built here."""
-    built = (lab / "interfaces").is_dir() or BUILT in (lab / "rubric.yaml").read_text(
-        encoding="utf-8"
-    )
-    if built and (lacking := lacking_toolchain()):
+    rubric = (lab / "rubric.yaml").read_text(encoding="utf-8")
+    is_built = (lab / "interfaces").is_dir() or shipped_for([rubric])
+    if is_built and (lacking := lacking_toolchain()):
         pytest.skip(f"not here: {lacking}")
 
 

@@ -5,7 +5,12 @@ from __future__ import annotations
 import pytest
 
 from grader.recording.definitions import also_defined, fields_of, packages_with, types_in
-from grader.recording.interfaces import InterfacePackage, in_order, packages_of
+from grader.recording.interfaces import (
+    InterfacePackage,
+    in_order,
+    packages_of,
+    shipped_packages,
+)
 
 
 def test_a_package_is_named_by_its_manifest_or_its_folder() -> None:
@@ -64,6 +69,36 @@ def test_fields_are_known_without_a_build() -> None:
         assert types_in("my_msgs", "srv") == ("my_msgs/srv/Add",)
         assert "my_msgs" in packages_with("action")
     assert fields_of("my_msgs/msg/Num") is None, "known for as long as it is at hand"
+
+
+def test_types_that_come_with_the_grader_are_known() -> None:
+    """Packages of ROS that have no wheels are known without a build, and each of their definitions is valid."""
+    assert {package.name for package in shipped_packages()} == {
+        "ackermann_msgs",
+        "example_interfaces",
+        "tf2_msgs",
+    }
+    assert [package.problem for package in shipped_packages() if not package.fields] == []
+    assert fields_of("example_interfaces/srv/SetBool_Request") == {"data": "bool"}
+    drive = fields_of("ackermann_msgs/msg/AckermannDrive")
+    assert drive is not None
+    assert list(drive)[:3] == ["steering_angle", "steering_angle_velocity", "speed"]
+    assert "example_interfaces/msg/Int64" in types_in("example_interfaces", "msg")
+
+
+def test_a_part_of_a_package_holds_the_named_types_and_those_that_they_use() -> None:
+    """Without a named type the package stays whole."""
+    files = {
+        "msg/Part.msg": "int64 x\n",
+        "msg/Whole.msg": "Part[] parts\n",
+        "srv/Other.srv": "---\n",
+    }
+    package = InterfacePackage("a", files)
+    assert set(package.named_in("from a.msg import Whole").files) == {
+        "msg/Part.msg",
+        "msg/Whole.msg",
+    }
+    assert package.named_in("import a.msg").files == files
 
 
 @pytest.mark.parametrize("files", [{"srv/Add.srv": "int64 a\n"}, {"msg/Num.msg": "int64\n"}])
