@@ -116,7 +116,7 @@ from grader.lab.references import TextField as TextField
 from grader.lab.references import Topic as Topic
 from grader.lab.references import Window as Window
 from grader.lab.references import fields_of_type as fields_of_type
-from grader.recording.session import Qos as Qos
 from grader.result import Finding as Finding
 from grader.result import Location as Location
 from grader.result import Outcome as Outcome
+from ros_bag.qos import Qos as Qos

@@ -31,7 +31,7 @@ _NAMING = {
 }
 _LINES = {
     path.relative_to(ROOT): path.read_text(encoding="utf-8")
-    for package in ("grader", "launch_plan")
+    for package in ("grader", "launch_plan", "ros_bag")
     for path in sorted((ROOT / package).rglob("*"))
     if path.suffix in (".py", ".j2", ".js", ".yaml")
     and not any(path.is_relative_to(own) for own in LABS_OF_ITS_OWN)

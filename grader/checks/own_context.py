@@ -30,9 +30,10 @@ from grader.evidence.text.printed import (
 )
 from grader.evidence.text.result_rows import ResultRow, result_rows
 from grader.lab.steps.call import CallRecord, CallResult
-from grader.recording.bag import Stream
-from grader.recording.session import Endpoint, ProcessRun, Qos
+from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Location
+from ros_bag.qos import Qos
+from ros_bag.reading import Stream
 
 
 @dataclass(frozen=True)

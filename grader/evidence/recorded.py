@@ -24,9 +24,6 @@ from grader.lab.steps.call import CallStep
 from grader.lab.steps.observe import ObserveResult
 from grader.lab.steps.publish import PublishStep
 from grader.lab.steps.wait_for import WaitForStep
-from grader.recording.bag import Bag, Stream
-from grader.recording.definitions import field_steps
-from grader.recording.elements import MOST_VALUES
 from grader.recording.session import (
     LINK,
     PARTICIPANT_DIGITS,
@@ -41,6 +38,9 @@ from grader.recording.session import (
     StepRun,
     read_session,
 )
+from ros_bag.definitions import field_steps
+from ros_bag.elements import MOST_VALUES
+from ros_bag.reading import Bag, Stream
 
 #: Largest step of the system clock against the monotonic clock, in s, that is not a setting of the clock.
 _STEP_S = 0.002

@@ -24,8 +24,8 @@ import grader
 from grader import yaml_text
 from grader.errors import RecordingError
 from grader.lab.rubric import Rubric
-from grader.recording.interfaces import read_folder
 from grader.recording.submission import read_submission
+from ros_bag.interfaces import read_folder
 
 #: The rubric in a lab's folder.
 RUBRIC_FILE = "rubric.yaml"

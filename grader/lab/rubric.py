@@ -61,8 +61,8 @@ from grader.lab.yaml_with_lines import (
     read_text,
     suggestion,
 )
-from grader.recording.definitions import also_defined
-from grader.recording.interfaces import InterfacePackage
+from ros_bag.definitions import also_defined
+from ros_bag.interfaces import InterfacePackage
 
 #: `file.py:function`, beside the rubric.
 _OWN_PATTERN = r"\.py:\w+$"

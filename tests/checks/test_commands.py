@@ -89,9 +89,7 @@ def test_a_silent_publisher_is_shown_by_its_messages(rubric: Rubric) -> None:
     """The list of topics holds the publisher, as it should."""
     spec = next(spec for spec in rubric.checks() if spec.check == "topic_published")
     silent = Finding(Outcome.PARTIAL, Decimal("0.2"), is_silent=True)
-    assert commands_of(spec, rubric, HANDED_IN, {}, silent) == (
-        "ros2 topic echo /joint_commands",
-    )
+    assert commands_of(spec, rubric, HANDED_IN, {}, silent) == ("ros2 topic echo /joint_commands",)
 
 
 def test_a_file_that_was_not_handed_in_has_no_command(rubric: Rubric) -> None:

@@ -27,8 +27,8 @@ from grader import pipeline, result_folder  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.judging import judgement  # noqa: E402
 from grader.judging.judge import judge, open_recordings  # noqa: E402
-from grader.recording.bag import Stream  # noqa: E402
 from grader.result import Outcome, to_json  # noqa: E402
+from ros_bag.reading import Stream  # noqa: E402
 from tests.live.sample import Graded  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     TALKER,

@@ -29,7 +29,7 @@ from confine.scratch import remove_tree, scratch_prefix
 from grader.live.sandbox.cache import cache_folder
 from grader.live.sandbox.environment import ros_environment
 from grader.live.sandbox.room import HOME, INTERFACES, made_room
-from grader.recording.interfaces import InterfacePackage, in_order, shipped_packages
+from ros_bag.interfaces import InterfacePackage, in_order, shipped_packages
 
 _INSIDE = Path(__file__).parent / "inside"
 _SUBSETS = Path(__file__).parent / "subsets"

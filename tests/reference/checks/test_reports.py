@@ -12,9 +12,10 @@ import pytest
 from pydantic import ValidationError
 
 from grader.evidence.recorded import Recorded
-from grader.recording.bag import Bag
-from grader.recording.session import MachineSample, OutputLine, Qos, Usage
+from grader.recording.session import MachineSample, OutputLine, Usage
 from grader.result import Finding, Outcome
+from ros_bag.qos import Qos
+from ros_bag.reading import Bag
 from tests.synthetic import Session, at, judged
 
 REPORTED_SERIES = "reference/checks/reports.py:reported_series"

@@ -17,8 +17,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from grader.recording.bag import METADATA_FILE, Bag
-from tests.recording.sample_messages import Sent, message_types, same, write_all_types
+from ros_bag.reading import Bag
+from ros_bag.writing import METADATA_FILE
+from tests.ros_bag.sample_messages import Sent, message_types, same, write_all_types
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from grader.recording.interfaces import InterfacePackage, shipped_packages
+from ros_bag.interfaces import InterfacePackage, shipped_packages
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict

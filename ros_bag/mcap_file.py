@@ -18,10 +18,10 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
-from grader.recording.definitions import MessageDefinition
+from ros_bag.definitions import MessageDefinition
 
 MAGIC = b"\x89MCAP0\r\n"
-#: Limit on the decompressed size of all chunks, above that of a session (`recorder.DEFAULT_LIMIT_BYTES`).
+#: Limit on the decompressed size of all chunks, in bytes.
 MOST_BYTES = 640 * 2**20
 #: Most kept descriptions of damage.
 _MOST_SAID = 5
@@ -110,6 +110,11 @@ class _Summary:
     chunk_count: int = 0
     #: Number of a channel -> its number of messages; None if the file does not tell.
     counts: dict[int, int] | None = None
+
+
+def mcap_file_in(folder: Path) -> Path | None:
+    """Return the MCAP file in the folder of a bag, None if there is none."""
+    return min(folder.glob("*.mcap"), default=None)
 
 
 def contents_of(path: Path | None) -> Contents:

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grader.recording.bag import Bag, BagWriter, Stream
-from grader.recording.definitions import definition_of
-from grader.recording.elements import MOST_VALUES, readable_messages
-from grader.recording.session import Qos
-from tests.recording.sample_messages import message_types, write_all_types
+from ros_bag.definitions import definition_of
+from ros_bag.elements import MOST_VALUES, readable_messages
+from ros_bag.qos import Qos
+from ros_bag.reading import Bag, Stream
+from ros_bag.writing import BagWriter
+from tests.ros_bag.sample_messages import message_types, write_all_types
 from tests.thorough import part
 
 FLOATS = "std_msgs/msg/Float64MultiArray"

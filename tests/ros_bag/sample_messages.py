@@ -1,21 +1,39 @@
-"""A bag with messages of every installed type, written by the real serializer, and their expected values."""
+"""Messages for tests: by hand without ROS, and a bag with messages of every installed type by the real serializer."""
 
 from __future__ import annotations
 
 import importlib
 import itertools
+import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from grader.recording.bag import BagWriter
-from grader.recording.definitions import definition_of, type_hash_of
-from grader.recording.session import Qos
+from ros_bag.definitions import SEPARATOR, MessageDefinition, definition_of, type_hash_of
+from ros_bag.qos import Qos
+from ros_bag.writing import BagWriter
 
+FLOATS, TEXT = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
 RELIABLE = Qos(reliability="reliable", durability="volatile", liveliness="automatic")
+DEFINITIONS = {
+    FLOATS: MessageDefinition(
+        "ros2msg",
+        "MultiArrayLayout layout\nfloat64[] data\n"
+        f"{SEPARATOR}\nMSG: std_msgs/MultiArrayLayout\nMultiArrayDimension[] dim\nuint32 data_offset\n"
+        f"{SEPARATOR}\nMSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n",
+    ),
+    TEXT: MessageDefinition("ros2msg", "string data\n"),
+}
 #: Topic -> the messages on it, as rclpy has them.
 Sent = dict[str, list[Any]]
+
+
+def floats(values: Iterable[float]) -> bytes:
+    """Give the CDR of a Float64MultiArray without a layout."""
+    listed = list(values)
+    body = struct.pack(f"<4x{len(listed)}d", *listed) if listed else b""
+    return struct.pack("<BBHIII", 0, 1, 0, 0, 0, len(listed)) + body
 
 
 def message_types() -> list[str]:

@@ -16,9 +16,11 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from grader.recording.bag import METADATA_FILE, Bag, BagWriter, offered_policies, recover
-from grader.recording.definitions import definition_of, type_hash_of
-from grader.recording.session import Qos
+from ros_bag.definitions import definition_of, type_hash_of
+from ros_bag.qos import Qos, offered_policies
+from ros_bag.reading import Bag
+from ros_bag.recovery import recover
+from ros_bag.writing import METADATA_FILE, BagWriter
 
 FLOATS, TEXT, EVENT = (
     "std_msgs/msg/Float64MultiArray",
@@ -383,7 +385,7 @@ def test_opening_is_fast(tmp_path: Path) -> None:
         put(writer, channel, number, floats(*range(7)))
     writer.close()
     program = (
-        "import pathlib, sys, time, numpy; from grader.recording.bag import Bag; t = time.process_time();"
+        "import pathlib, sys, time, numpy; from ros_bag.reading import Bag; t = time.process_time();"
         "n = len(Bag.open(pathlib.Path(sys.argv[1])).stream('/a').field('data'));"
         "print(n, time.process_time() - t)"
     )
@@ -397,7 +399,7 @@ def test_opening_is_fast(tmp_path: Path) -> None:
 
 def test_reading_needs_no_ros() -> None:
     """Neither ROS nor processes are imported for reading a bag."""
-    program = "import sys, grader.recording.bag;print([m for m in ('rclpy', 'subprocess', 'rosbags') if m in sys.modules])"
+    program = "import sys, ros_bag.reading;print([m for m in ('rclpy', 'subprocess', 'rosbags') if m in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from grader.recording.definitions import (
+from ros_bag.definitions import (
     SEPARATOR,
     DefinitionNotFound,
     MessageDefinition,

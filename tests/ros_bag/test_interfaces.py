@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from grader.recording.definitions import also_defined, fields_of, packages_with, types_in
-from grader.recording.interfaces import (
-    InterfacePackage,
-    in_order,
-    packages_of,
-    shipped_packages,
-)
+from ros_bag.definitions import also_defined, fields_of, packages_with, types_in
+from ros_bag.interfaces import InterfacePackage, in_order, packages_of, shipped_packages
 
 
 def test_a_package_is_named_by_its_manifest_or_its_folder() -> None:
