@@ -74,8 +74,6 @@ from grader.checks.own_context import Submission as Submission
 from grader.checks.service import answer_cause as answer_cause
 from grader.checks.service import parameter_cause as parameter_cause
 from grader.evidence.bounds import Delayed as Delayed
-from grader.evidence.bounds import Interval as Interval
-from grader.evidence.bounds import count as count
 from grader.evidence.bounds import cpu_delay_doubt as cpu_delay_doubt
 from grader.evidence.bounds import without_delay as without_delay
 from grader.evidence.cpu_delay import Backlog as Backlog

@@ -189,7 +189,7 @@ class Call:
     latency_s : float
         Time from the request to the answer, or to the end of waiting for it.
     delay_s : float
-        Longest time for which the machine kept one of the involved processes from a core.
+        Longest machine delay of the involved processes.
     """
 
     started_s: float
@@ -201,7 +201,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Claim:
-    """A call by which a program asked for an endpoint: a claim of the student's code, no evidence.
+    """A program's call for an endpoint: a claim of the student's code, no evidence.
 
     Attributes
     ----------
@@ -450,7 +450,7 @@ class Context(Submission):
         return self._session.since_start_s(t_ns)
 
     def delay_s(self, process: str, window: str) -> float:
-        """Return the time within a step for which the machine kept a process from a core: 0 on an idle one."""
+        """Return the machine delay of a process within a step, in s: 0 on an idle machine."""
         session = self._session
         run = session.process(process)
         span = session.window(window)
@@ -462,7 +462,7 @@ class Context(Submission):
         return session.machine_delay_s(run, span)
 
     def longest_delay_s(self, start_s: float, end_s: float) -> float:
-        """Return the longest time in a span for which the machine kept one of the session's processes from a core.
+        """Return the longest machine delay of any process of the session within a span, in s.
 
         Parameters
         ----------
@@ -472,7 +472,7 @@ class Context(Submission):
         return self._session.longest_delay_s(self._span_of(start_s, end_s))
 
     def machine_delay_s(self, run: Run, start_s: float, end_s: float) -> float:
-        """Return the time within a span for which the machine may have kept a process from a core, in s."""
+        """Return the machine delay of a process within a span, in s."""
         return self._session.machine_delay_s(run._recorded, self._span_of(start_s, end_s))
 
     def life(self, run: Run) -> tuple[float, float]:
@@ -509,7 +509,7 @@ class Context(Submission):
         return self._session.backlog(run._recorded, self._span_of(start_s, end_s), room_s)
 
     def recorder_delay_s(self, start_s: float, end_s: float) -> float:
-        """Return the time within a span for which the machine may have kept the recorder from a core, in s."""
+        """Return the machine delay of the recorder within a span, in s."""
         return self._session.recorder_delay_s(self._span_of(start_s, end_s))
 
     def clock_step_s(self, start_s: float, end_s: float) -> float:
