@@ -293,11 +293,12 @@ def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -
     all_names = Terms.of(chain(*names.values()), _ENDING)
     texts, hollow = _visible(context, paths, all_names, p.placeholders)
     found = _found_parts(texts, names)
-    in_other_words = not found and bool(texts) and _is_long(texts, p.doubt_words)
-    if len(found) < _FEW_PARTS and not in_other_words:
+    in_other_words = not found and _is_long(texts, p.doubt_words)
+    foreign = ""
+    if len(found) < _FEW_PARTS:
         foreign = _command_of_other_work(context, texts, p)
-        if foreign:
-            return _ReadmeFacts("", parts, found, hollow, (), foreign)
+    if foreign and not in_other_words:
+        return _ReadmeFacts("", parts, found, hollow, (), foreign)
     run, notes = _how_to_run(texts, p)
     if in_other_words:
         # A long text may call the parts by other names.
@@ -323,13 +324,13 @@ def _command_of_other_work(context: Context, texts: _Texts, p: Readme) -> str:
     `ros2 run turtlesim turtlesim_node`, beside a submission that does not name turtlesim.
     """
     own = _own_text(context, p)
-    first = ""
+    others = []
     for _, shown in texts:
         for _, command in command_lines(shown, p.commands):
             if not _is_of_other_work(command, own):
                 return ""
-            first = first or command
-    return first
+            others.append(command)
+    return others[0] if others else ""
 
 
 def _own_text(context: Context, p: Readme) -> str:
@@ -346,10 +347,13 @@ def _own_text(context: Context, p: Readme) -> str:
 
 def _is_of_other_work(command: str, own: str) -> bool:
     """Tell whether a command starts programs, and the submission names none of them."""
-    started = []
+    names: list[str] = []
     for match in _STARTED.finditer(command):
-        started += [PurePosixPath(name).stem for name in match.groups() if name]
-    return bool(started) and not any(name in own for name in started)
+        names += filter(None, match.groups())
+    for name in names:
+        if PurePosixPath(name).stem in own:
+            return False
+    return bool(names)
 
 
 def _names_of(context: Context, part: Part) -> tuple[str, ...]:

@@ -260,7 +260,9 @@ def _pacing_hint(context: Context, p: TopicRate, timers: Sequence[Claim]) -> str
     """
     if not timers:
         run = p.run(context)
-        path = context.path_of(run.artifact or "") if run is not None else None
+        path = ""
+        if run is not None:
+            path = context.path_of(run.artifact or "")
         if _SLEEP.search(context.submission.texts.get(path or "", "")):
             return "Publish from a timer: a loop with a sleep adds the time of its work to each period."
         return ""

@@ -160,7 +160,8 @@ class _RowPart(Part):
 
 def _misleading(parts: Sequence[_RowPart]) -> list[_RowPart]:
     """Halve the shares of a table in which each of several latencies is impossible."""
-    if len(parts) < 2 or not all(part.has_impossible_latency for part in parts):
+    impossible = sum(part.has_impossible_latency for part in parts)
+    if impossible < max(2, len(parts)):
         return list(parts)
     return [replace(part, share=part.share / 2, best=part.share / 2) for part in parts]
 
@@ -383,12 +384,12 @@ def _judge_latency(
         return _Judged(0.5, f"{row.name} reports {got.count} messages, but no latency.")
     messages = context.messages(row.topic)
     latencies = messages.received_s - messages.sent_s
-    if len(latencies) and _stamped_otherwise(context, latencies):
-        reason = (
-            f"The messages on {row.topic} have time stamps that are not their times of publication."
-        )
-        return _Judged(0.5, reason)
-    problem = _impossible_latency(p, row, got, got.mean_s, latencies, late_s)
+    problem = ""
+    if len(latencies):
+        if _stamped_otherwise(context, latencies):
+            reason = f"The messages on {row.topic} have time stamps that are not their times of publication."
+            return _Judged(0.5, reason)
+        problem = _impossible_latency(p, row, got, got.mean_s, latencies, late_s)
     if problem:
         return _Judged(0.5, problem, has_impossible_latency=True)
     if got.max_s is None:
@@ -422,8 +423,6 @@ def _impossible_latency(
     late_s
         Lateness that the machine can have caused, in s.
     """
-    if not len(latencies):
-        return ""
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s) + late_s

@@ -88,15 +88,16 @@ def hear_all(events: Sequence[Event], history: int | None = 1000) -> Subscriber:
 def border_trouble(events: Sequence[Event], rng: np.random.Generator, most: int) -> list[Event]:
     """Give the events as a tardy subscriber hears them: at each border the last states are lost, or come too late."""
     heard: list[Event] = []
-    command: Event | None = None
+    command: tuple[float, ...] | None = None
     for event in events:
-        if event.role == COMMAND:
-            if command is not None and command.values != event.values:
-                amount = int(rng.integers(0, most + 1))
-                late = [heard.pop(n) for n in _last_states(heard, amount)]
-                if rng.random() < 0.5:
-                    heard += [event, *late]
-            command = event
+        is_command = event.role == COMMAND
+        if is_command and command not in (None, event.values):
+            amount = int(rng.integers(0, most + 1))
+            late = list(map(heard.pop, _last_states(heard, amount)))
+            if rng.random() < 0.5:
+                heard += [event, *late]
+        if is_command:
+            command = event.values
         heard.append(event)
     lost_at_the_end = int(rng.integers(0, most + 1))
     return heard[: len(heard) - lost_at_the_end]
@@ -104,7 +105,7 @@ def border_trouble(events: Sequence[Event], rng: np.random.Generator, most: int)
 
 def _last_states(heard: Sequence[Event], amount: int) -> list[int]:
     """Give the places of some states at the end, the last one first."""
-    places = [n for n, event in enumerate(heard) if event.role == STATE]
+    places = np.flatnonzero([event.role == STATE for event in heard]).tolist()
     return places[: -amount - 1 : -1]
 
 

@@ -1,6 +1,7 @@
 """The plateau stimulus's schedule: its times, and how clearly it tells mistakes apart."""
 
 import sys
+from collections import Counter
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -51,30 +52,26 @@ def test_schedule_is_in_order_and_silent_around_commands() -> None:
     settings = PlateauSettings()
     events = schedule(2, settings)
     assert all(a.t_s <= b.t_s for a, b in pairwise(events))
-    known = {}
-    changes = []
+    times_s = np.array([event.t_s for event in events])
+    begins_s: dict[tuple[float, ...], float] = {}
     for event in events:
-        if event.role == COMMAND and known.get(COMMAND) != event.values:
-            changes.append(event.t_s)
-        known[event.role] = event.values
-    assert len(changes) == settings.plateaus
+        begins_s.setdefault(event.values, event.t_s)
     length_s = (settings.command_repeats - 1) * settings.command_interval_s
-    for t_s in changes:
-        before_s = max(event.t_s for event in events if event.t_s < t_s)
-        states_s = min(e.t_s for e in events if e.t_s > t_s and e.role == STATE)
-        assert t_s - before_s == pytest.approx(settings.silence_s)
-        assert states_s - t_s == pytest.approx(length_s + settings.silence_s)
+    _, drawn = plateaus(2, settings)
+    for plateau in drawn:
+        t_s = begins_s[plateau.command]
+        assert t_s - times_s[times_s < t_s].max() == pytest.approx(settings.silence_s)
+        assert begins_s[plateau.state] - t_s == pytest.approx(length_s + settings.silence_s)
 
 
 def test_commands_go_on_at_the_rate_of_a_controller() -> None:
     """A subscriber with a use of its own for each command reports on two of three states, in each phase."""
     settings = PlateauSettings(rate_hz=150)
-    is_new = False
-    reported = dict.fromkeys({e.values for e in schedule(3, settings) if e.role == STATE}, 0)
-    for event in schedule(3, settings):
-        if event.role == STATE:
-            reported[event.values] += is_new
-        is_new = event.role == COMMAND
+    reported = Counter(
+        event.values
+        for before, event in pairwise(schedule(3, settings))
+        if (before.role, event.role) == (COMMAND, STATE)
+    )
     _, drawn = plateaus(3, settings)
     for plateau in drawn:
         share = reported[plateau.state] / plateau.states

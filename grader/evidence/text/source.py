@@ -86,16 +86,18 @@ class Unit:
     @property
     def explained_by(self) -> Note | None:
         """The first note that explains the unit, if there is one."""
-        notes = [note for note in self.notes if not note.fault]
-        for note in notes:
+        first = None
+        said: list[str] = []
+        for note in self.notes:
+            if note.fault:
+                continue
             if note.kind == "docstring":
                 return note
-        said: list[str] = []
-        for note in notes:
+            first = first or note
             said += words(note.text[:_NOTE_START])
-        if not notes or measure(said) < self.comment_words:
+        if measure(said) < self.comment_words:
             return None
-        return notes[0]
+        return first
 
 
 @dataclass(frozen=True)
