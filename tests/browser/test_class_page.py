@@ -18,6 +18,7 @@ from grader.report.class_page import render
 from grader.result import Outcome
 from tests.browser.chromium import DESK, NARROW, PAPER, PHONE, browser, letters, printed, visit
 from tests.sample_class import sample_class
+from tests.thorough import part
 
 pytestmark = pytest.mark.browser
 
@@ -243,8 +244,8 @@ def test_names_of_those_shown_are_copied(page: Page) -> None:
 
 def test_the_last_row_holds_the_means_of_those_shown(page: Page) -> None:
     """The means of the columns add up to the mean of the points, of all students and of any part."""
-    for part in ("a", "o"):
-        page.get_by_label("Name").fill(part)
+    for typed in ("a", "o"):
+        page.get_by_label("Name").fill(typed)
         cells = [
             text.strip() for text in page.locator("#class-table tfoot tr > *").all_text_contents()
         ]
@@ -301,9 +302,7 @@ def test_focus_is_seen(page: Page) -> None:
 # -- everywhere --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("size", "dark"), [(DESK, False), (PHONE, True)], ids=["desk, light", "phone, dark"]
-)
+@pytest.mark.parametrize(("size", "dark"), part([(DESK, False), (PHONE, True)], 2))
 def test_nothing_keeps_anyone_from_using_it(
     chromium: Browser, file: Path, size: tuple[int, int], dark: bool
 ) -> None:

@@ -20,6 +20,7 @@ from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.live.session.runner import Progress
 from grader.submission.artifacts import read_submission_folder
+from tests.live.shared_server import scheduler
 
 ROOT = Path(__file__).parents[2]
 #: A rubric has a check at least; this one costs nothing.
@@ -85,7 +86,13 @@ class Lab:
         submission = read_submission_folder(self.submission, rubric)
         options = pipeline.Options(Path(sys.executable))
         pipeline.Grading(
-            self.submission, submission, rubric, self.results, options, on_progress
+            self.submission,
+            submission,
+            rubric,
+            self.results,
+            options,
+            on_progress,
+            scheduler=scheduler(),
         ).record()
         return {name: Recorded.open(self.recordings / name) for name in rubric.sessions}
 

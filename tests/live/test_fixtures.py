@@ -16,6 +16,7 @@ from grader.judging.judge import judge, open_recordings
 from grader.lab.rubric import Rubric
 from grader.live.session.runner import Progress
 from grader.submission.artifacts import read_submission_folder
+from tests.live.shared_server import scheduler
 from tests.machine import MACHINE, Others, alone
 from tests.thorough import part
 
@@ -33,7 +34,7 @@ RECORDED = [
 #: All of them would take too long for every run: each commit has a part of them, as its name has it.
 ALL = os.environ.get("FIXTURES", "") == "all"
 FIXTURES = [
-    *part([path for path in EVERY if path not in RECORDED], 20, ALL),
+    *part([path for path in EVERY if path not in RECORDED], 32, ALL),
     *part(RECORDED, 40, ALL),
 ]
 
@@ -68,7 +69,15 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
 
         for _ in range(MOST_GRADINGS):
             others = Others()
-            pipeline.Grading(submission, record, rubric, results, options, on_progress).record()
+            pipeline.Grading(
+                submission,
+                record,
+                rubric,
+                results,
+                options,
+                on_progress,
+                scheduler=scheduler(jobs=1),
+            ).record()
             result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
             verdict = compare(fixture.expectation, result, rubric)
             if not verdict.undecided:
