@@ -1,9 +1,9 @@
-"""One server of sandboxes for all recordings of a test process: it imports the grader's modules once, as for a class."""
+"""One server of sandboxes for all recordings of a module: it imports the grader's modules once, as for a class."""
 
 from __future__ import annotations
 
-import atexit
 import sys
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
@@ -11,18 +11,23 @@ from confine.namespaces import Form
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.scheduler import LocalScheduler
 
+_servers = ExitStack()
+
 
 @cache
 def scheduler(jobs: int | None = None) -> LocalScheduler:
-    """Return the scheduler of the gradings in this process; its server ends with the process."""
-    shared = LocalScheduler(Path(sys.executable), jobs)
-    atexit.register(shared.close)
-    return shared
+    """Return the scheduler of the module's gradings in this process."""
+    return _servers.enter_context(LocalScheduler(Path(sys.executable), jobs))
 
 
 @cache
 def fork_server(form: Form) -> ForkServer:
-    """Return the server for sandboxes of a form, of which each recording has a branch."""
-    shared = ForkServer().__enter__()
-    atexit.register(shared.__exit__)
-    return shared
+    """Return the server for sandboxes of a form; each recording has a branch of it."""
+    return _servers.enter_context(ForkServer())
+
+
+def end_servers() -> None:
+    """End all servers; other modules count the processes below this one, and their CPU time."""
+    _servers.close()
+    scheduler.cache_clear()
+    fork_server.cache_clear()

@@ -79,9 +79,11 @@ class Lab:
         return rubrics.read_rubric(self.rubric_file)
 
     def record(
-        self, on_progress: Callable[[Progress], None] = lambda progress: None
+        self,
+        on_progress: Callable[[Progress], None] = lambda progress: None,
+        own_server: bool = False,
     ) -> dict[str, Recorded]:
-        """Record all sessions as `grade` does, and open them."""
+        """Record all sessions as `grade` does, by the module's server or one of their own, and open them."""
         rubric = self.rubric()
         submission = read_submission_folder(self.submission, rubric)
         options = pipeline.Options(Path(sys.executable))
@@ -92,7 +94,7 @@ class Lab:
             self.results,
             options,
             on_progress,
-            scheduler=scheduler(),
+            scheduler=None if own_server else scheduler(),
         ).record()
         return {name: Recorded.open(self.recordings / name) for name in rubric.sessions}
 

@@ -16,7 +16,6 @@ from grader.judging.judge import judge, open_recordings
 from grader.lab.rubric import Rubric
 from grader.live.session.runner import Progress
 from grader.submission.artifacts import read_submission_folder
-from tests.live.shared_server import scheduler
 from tests.machine import MACHINE, Others, alone
 from tests.thorough import part
 
@@ -69,15 +68,7 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
 
         for _ in range(MOST_GRADINGS):
             others = Others()
-            pipeline.Grading(
-                submission,
-                record,
-                rubric,
-                results,
-                options,
-                on_progress,
-                scheduler=scheduler(jobs=1),
-            ).record()
+            pipeline.Grading(submission, record, rubric, results, options, on_progress).record()
             result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
             verdict = compare(fixture.expectation, result, rubric)
             if not verdict.undecided:
