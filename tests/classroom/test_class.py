@@ -5,13 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
@@ -50,32 +48,6 @@ def _confined() -> None:
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.level.at_least(Level.NO_CGROUP):
         pytest.skip(f"no sandboxes here: {isolation.remedy}")
-
-
-@dataclass(frozen=True)
-class Kept:
-    """A graded class, and a copy of its folder as it was then."""
-
-    small: SmallClass
-    copy: Path
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
-    """Grade a correct submission and one that crashes, for the tests of later runs."""
-    folder = tmp_path_factory.mktemp("graded")
-    (folder / "class").mkdir()
-    small = make_class(folder / "class", {"ann": TALKER, "bob": CRASHES})
-    assert small.grade()[0] == 0
-    return Kept(small, shutil.copytree(small.folder, folder / "copy", symlinks=True))
-
-
-@pytest.fixture
-def graded(kept: Kept) -> SmallClass:
-    """Give the graded class in its own folder, without the changes of other tests."""
-    shutil.rmtree(kept.small.folder)
-    shutil.copytree(kept.copy, kept.small.folder, symlinks=True)
-    return kept.small
 
 
 def earned(small: SmallClass) -> dict[str, object]:
@@ -205,9 +177,10 @@ def require_grades(moodle: bytes) -> None:
     assert moodle_grade_book(moodle, users, "ID number", "student_id") == {"11": 1, "12": 0}
 
 
-def test_exactly_what_is_undecided_is_run_again(graded: SmallClass) -> None:
+def test_exactly_what_is_undecided_is_run_again(tmp_path: Path) -> None:
     """With --undecided a session that left something open is recorded again, and nothing else is touched."""
-    small = graded
+    small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES})
+    assert small.grade()[0] == 0
     leave_open(small, "ann")
     small.hand_in("cem", TALKER)
     before = small.files_of("bob")
@@ -228,9 +201,10 @@ def test_exactly_what_is_undecided_is_run_again(graded: SmallClass) -> None:
     assert small.files_of("ann") == again
 
 
-def test_undecided_sessions_are_found_after_the_rubric_changed(graded: SmallClass) -> None:
+def test_undecided_sessions_are_found_after_the_rubric_changed(tmp_path: Path) -> None:
     """After a corrected hint, judged again or not, --undecided finds the open submissions."""
-    small = graded
+    small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES})
+    assert small.grade()[0] == 0
     leave_open(small, "ann")
     bags = {name: small.files_of(name)[BAG] for name in ("ann", "bob")}
     small.rubric.write_text(small.rubric.read_text().replace("publishes", "is_published"))
@@ -251,11 +225,12 @@ def test_undecided_sessions_are_found_after_the_rubric_changed(graded: SmallClas
     assert small.result("ann")["score"]["undecided"] == 0
 
 
-def test_a_submission_changed_since_is_not_called_ungraded(graded: SmallClass) -> None:
+def test_a_submission_changed_since_is_not_called_ungraded(tmp_path: Path) -> None:
     """With --undecided, files handed in anew are named as changed, because they were graded before."""
-    graded.hand_in("ann", ASTRAY)
-    graded.hand_in("eve", None)
-    output = graded.grade("--undecided")[1]
+    small = make_class(tmp_path, {"ann": TALKER, "eve": None})
+    assert small.grade()[0] == 3
+    small.hand_in("ann", ASTRAY)
+    output = small.grade("--undecided")[1]
     assert "Not graded yet, and left out: eve." in output
     assert "Graded before, and left out: ann." in output
 
