@@ -50,11 +50,21 @@ def file(summary: ClassSummary, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return path
 
 
-@pytest.fixture
-def page(chromium: Browser, file: Path) -> Iterator[Page]:
-    """Give the class page opened on a desk."""
+@pytest.fixture(scope="module")
+def desk(chromium: Browser, file: Path) -> Iterator[Page]:
+    """Give a page of the browser for all tests of the class page, and see that none made it complain."""
     with visit(chromium, file) as seen:
         yield seen.page
+
+
+@pytest.fixture
+def page(desk: Page, file: Path) -> Page:
+    """Give the class page loaded anew on a desk."""
+    desk.set_viewport_size({"width": DESK[0], "height": DESK[1]})
+    desk.emulate_media(media="screen")
+    desk.goto("about:blank")
+    desk.goto(file.as_uri())
+    return desk
 
 
 def names(page: Page) -> list[str]:
