@@ -64,17 +64,12 @@ def test_no_line_of_the_engine_names_a_lab(rubric: Path) -> None:
     """Neither its id, nor a topic, node, action, file, joint or frame of it."""
     names = names_of(rubric)
     assert len(names) > 5
-    words = re.compile(
-        "|".join(
-            rf"(?<![\w/]){re.escape(name)}(?!\w)" for name in sorted(names, key=len, reverse=True)
-        )
-    )
-    found = [
-        f"{path}:{number}: {line.strip()}"
-        for path, text in _LINES.items()
-        for number, line in enumerate(text.splitlines(), 1)
-        if words.search(line)
-    ]
+    found = []
+    for path, text in _LINES.items():
+        # A search for plain text is a hundred times as quick as that for words.
+        for name in filter(text.__contains__, names):
+            word = re.compile(rf"(?<![\w/]){re.escape(name)}(?!\w)")
+            found += [f"{path}: {line.strip()}" for line in text.splitlines() if word.search(line)]
     assert found == []
 
 

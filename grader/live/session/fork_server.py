@@ -94,9 +94,7 @@ class _Branch(ForkServer):
             Path(os.devnull).open("wb") as errors,
             suppress(ConnectionError),
         ):  # Then requests will have no answer.
-            socket.send_fds(
-                self._of._link, [self.request(self._form)], [link.fileno(), errors.fileno()]
-            )
+            self._of._ask(self.request(self._form), link.fileno(), errors.fileno())
         return self
 
     def wait(self, timeout: float) -> None:
