@@ -522,7 +522,7 @@ MISTYPED: list[tuple[str, str, str]] = [
     (
         "window: window",
         "window: heard",
-        "'heard' labels a step of kind wait_for; observe is needed",
+        "'heard' labels a step of kind wait_for; observe or publish is needed",
     ),
     (
         "step: enable",

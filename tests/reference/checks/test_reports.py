@@ -282,9 +282,10 @@ def test_reports_that_are_missing_cost_their_share_alone(
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
 
 
+ONCE_MEANING = "There is one for each command."
 ONCE = {
     "oracle": "reference/oracles.py:reports_once_per_command",
-    "meaning": "There is one for each command.",
+    "meaning": ONCE_MEANING,
     "credit": 0.5,
 }
 
@@ -303,7 +304,7 @@ def test_a_command_that_is_used_once_is_named(tmp_path: Path, repeats: int, cred
     with_reports(session, times, every=2)
     finding = judged(REPORTED_SERIES, parameters, session)
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
-    assert (ONCE["meaning"] in finding.reason) == (repeats == 20)
+    assert (ONCE_MEANING in finding.reason) == (repeats == 20)
 
 
 def test_output_that_was_not_kept_costs_nothing(tmp_path: Path) -> None:
