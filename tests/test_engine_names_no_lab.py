@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Outside the engine: the template of a lab, and the lab that `grade doctor` uses.
 LABS_OF_ITS_OWN = (ROOT / "grader/lab/template", ROOT / "grader/doctor/lab")
 RUBRICS = [ROOT / "rubric.yaml", *sorted(ROOT.glob("labs/*/rubric.yaml"))]
-#: Names that belong to ROS.
-OF_ROS = {"/tf", "/tf_static", "/clock", "/rosout"}
+#: Names that belong to ROS: topics of its own, and the nodes of `demo_nodes_py` and `topic_tools`.
+OF_ROS = {"/tf", "/tf_static", "/clock", "/rosout", "talker", "talker.py", "/talker", "relay"}
 #: Where a lab gives its names: keys of steps, checks and figures.
 _NAMING = {
     *(
