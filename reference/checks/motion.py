@@ -67,7 +67,9 @@ class _Row:
         if numbers is None:
             return cls(0, False, 0.0)
         is_finite = bool(np.isfinite(numbers).all())
-        size = float(np.abs(numbers).max(initial=0.0)) if is_finite else 0.0
+        size = 0.0
+        if is_finite:
+            size = float(np.abs(numbers).max(initial=0.0))
         return cls(len(numbers), is_finite, size)
 
 
@@ -75,10 +77,13 @@ class _Row:
 def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
     expected = _expected_values(p)
-    rows = [_Row.of(numbers) for numbers in context.rows(p.topic, p.field)]
+    rows = []
+    for numbers in context.rows(p.topic, p.field):
+        rows.append(_Row.of(numbers))
     if not rows:
-        return unexplained(failed(expected, "no messages", "No message arrived."))
-    good = sum(row.is_finite and row.length == p.length for row in rows)
+        none = failed(expected, "no messages", "No message arrived.")
+        return unexplained(none)
+    good = _count_good(p, rows)
     measured = f"{good} of {len(rows)} messages hold {p.length} finite numbers"
     farthest = max(row.size for row in rows)
     if p.reach is not None and farthest > p.reach:
@@ -101,6 +106,15 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     return graded(share, expected, measured, " ".join(reasons), levels=_LEVELS)
 
 
+def _count_good(p: MessageValues, rows: Sequence[_Row]) -> int:
+    """Return the number of messages with as many finite numbers as wanted."""
+    good = 0
+    for row in rows:
+        if row.is_finite and row.length == p.length:
+            good += 1
+    return good
+
+
 def _unsafe(context: Context, p: MessageValues) -> Finding | None:
     """Return the finding that the values are not safe; None if they are."""
     if p.unsafe_by is None:
@@ -108,7 +122,9 @@ def _unsafe(context: Context, p: MessageValues) -> Finding | None:
     finding = context.finding(p.unsafe_by)
     if finding is None:
         return None
-    return finding if finding.outcome is Outcome.FAILED else None
+    if finding.outcome is Outcome.FAILED:
+        return finding
+    return None
 
 
 def _expected_values(p: MessageValues) -> str:
@@ -125,9 +141,8 @@ def _wrong_rows(p: MessageValues, rows: Sequence[_Row]) -> list[str]:
     others = len(rows) - lengths.count(p.length)
     if others:
         usual = max(set(lengths), key=lengths.count)
-        reasons.append(
-            f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."
-        )
+        wrong = f"{others} of {len(rows)} messages do not hold {p.length} numbers"
+        reasons.append(f"{wrong} (most hold {usual}).")
     not_finite = sum(not row.is_finite for row in rows)
     if not_finite:
         reasons.append(f"{not_finite} messages hold numbers that are not finite.")
@@ -138,8 +153,10 @@ def _first_beyond(
     context: Context, p: MessageValues, rows: Sequence[_Row], reach: float
 ) -> Location:
     """Point at the first message with a value beyond the reach."""
-    first = next(n for n, row in enumerate(rows) if row.size > reach)
-    sent_s = float(context.messages(p.topic).sent_s[first])
+    sizes = np.array([row.size for row in rows])
+    first = int(np.argmax(sizes > reach))
+    messages = context.messages(p.topic)
+    sent_s = float(messages.sent_s[first])
     return context.location(p.topic, span_s=(sent_s, sent_s))
 
 
@@ -181,8 +198,10 @@ def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: 
     for points in _GRIDS:
         grid = np.linspace(low, high, points)
         best, place = _best_on(grid, times_s, values)
-        low = float(grid[max(place - 1, 0)])
-        high = float(grid[min(place + 1, len(grid) - 1)])
+        before = max(place - 1, 0)
+        after = min(place + 1, points - 1)
+        low = float(grid[before])
+        high = float(grid[after])
     return best
 
 
@@ -190,14 +209,12 @@ def _best_on(grid: Floats, times_s: Floats, values: Floats) -> tuple[Sinusoid, i
     """Return the best fit of all frequencies of a grid, and its place in the grid."""
     fits, residuals = _fit_each(times_s, values, grid)
     place = int(np.argmin(residuals))
-    offset, sine, cosine = fits[place]
-    best = Sinusoid(
-        amplitude=float(np.hypot(sine, cosine)),
-        frequency_hz=float(grid[place]),
-        offset=float(offset),
-        residual=float(residuals[place]),
-        phase=float(np.arctan2(cosine, sine)),
-    )
+    offset, sine, cosine = map(float, fits[place])
+    amplitude = float(np.hypot(sine, cosine))
+    phase = float(np.arctan2(cosine, sine))
+    frequency_hz = float(grid[place])
+    residual = float(residuals[place])
+    best = Sinusoid(amplitude, frequency_hz, offset, residual, phase)
     return best, place
 
 
@@ -207,12 +224,18 @@ def _fit_each(times_s: Floats, values: Floats, frequencies_hz: Floats) -> tuple[
     design = np.ones((len(phases), 3, len(times_s)))
     np.sin(phases, out=design[:, 1])
     np.cos(phases, out=design[:, 2])
-    normal = design @ design.transpose(0, 2, 1) + 1e-12 * len(values) * np.eye(3)
-    coefficients = np.linalg.solve(normal, (design @ values)[:, :, np.newaxis])[:, :, 0]
+    # A small diagonal keeps the matrix regular.
+    regular = 1e-12 * len(values) * np.eye(3)
+    normal = design @ design.transpose(0, 2, 1) + regular
+    projected = (design @ values)[:, :, np.newaxis]
+    solved = np.linalg.solve(normal, projected)
+    coefficients = solved[:, :, 0]
     # The array of the phases is used again, because it is large.
     fitted = np.einsum("fk,fkt->ft", coefficients, design, out=phases)
     left = np.subtract(values, fitted, out=phases)
-    return coefficients, np.sqrt(np.mean(np.square(left, out=left), axis=1))
+    squares = np.square(left, out=left)
+    residuals = np.sqrt(np.mean(squares, axis=1))
+    return coefficients, residuals
 
 
 class Component(BaseModel):
@@ -281,22 +304,28 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     if series is None or len(series) < _FEWEST:
         reason = "Too few messages with numbers arrived to see a motion."
         return not_reached(reason, expected=expected)
-    fits = {component.index: _fits(series, component, p) for component in p.components}
-    parts = [_judge_component(series, each, p, fits[each.index]) for each in p.components]
+    fits = {}
+    parts = []
     unrecognised = []
-    for component, part in zip(p.components, parts, strict=True):
+    for component in p.components:
+        fits[component.index] = _fits(series, component, p)
+        part = _judge_component(series, component, p, fits[component.index])
+        parts.append(part)
         if part.share < _RECOGNISED:
             unrecognised.append(component)
     parts.append(_judge_others(series.values, p))
     danger = _danger(series, p, fits)
-    place = danger.message if danger is not None else None
-    location = _location_of(context, p, series, place)
-    reason = danger.reason if danger is not None else _swapped(series, p, unrecognised)
-    if not reason:
+    if danger is None:
+        danger = _Danger(_swapped(series, p, unrecognised))
+    location = _location_of(context, p, series, danger.message)
+    if not danger.reason:
         return of_parts(expected, parts, where=(location,))
     measured = "; ".join(part.text for part in parts if part.text)
-    reasons = [part.reason for part in parts if part.reason]
-    return failed(expected, measured, " ".join([reason, *reasons]), where=(location,))
+    reasons = [danger.reason]
+    for part in parts:
+        if part.reason:
+            reasons.append(part.reason)
+    return failed(expected, measured, " ".join(reasons), where=(location,))
 
 
 def _expected_sinusoids(p: Sinusoids) -> str:
@@ -309,10 +338,11 @@ def _expected_sinusoids(p: Sinusoids) -> str:
 
 def _judge_others(values: Floats, p: Sinusoids) -> Part:
     """Judge whether the elements without a component stay at 0."""
-    moving = ", ".join(map(str, _others_that_move(values, p)))
-    if moving:
-        return Part(0.0, "", f"Element {moving} should stay at 0, but does not.")
-    return Part(1.0)
+    moving = _others_that_move(values, p)
+    if not moving:
+        return Part(1.0)
+    elements = ", ".join(map(str, moving))
+    return Part(0.0, reason=f"Element {elements} should stay at 0, but does not.")
 
 
 def _swapped(series: Series, p: Sinusoids, components: Sequence[Component]) -> str:
@@ -329,10 +359,12 @@ def _location_of(
     context: Context, p: Sinusoids, series: Series, message: int | None
 ) -> Location:
     """Point at one message of a series, or at all of them if none is named."""
-    first = 0 if message is None else message
-    last = -1 if message is None else message
-    span_s = (float(series.sent_s[first]), float(series.sent_s[last]))
-    return context.location(p.topic, span_s=span_s)
+    first, last = 0, -1
+    if message is not None:
+        first = last = message
+    start_s = float(series.sent_s[first])
+    end_s = float(series.sent_s[last])
+    return context.location(p.topic, span_s=(start_s, end_s))
 
 
 #: Least credit of a recognised motion; one with less may be in another element.
@@ -344,19 +376,27 @@ _FIRST_MESSAGES = 10
 def _danger(series: Series, p: Sinusoids, fits: _Fits) -> _Danger | None:
     """Return the first danger in a series: wrong elements, no numbers, values too far, or a jump."""
     elements = series.values.shape[1]
-    if elements != (p.others_still or elements):
+    if p.others_still and elements != p.others_still:
         return _Danger(f"There are {elements} elements for {p.others_still} joints.")
     finite = np.isfinite(series.values)
     no_numbers = np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)
     if len(no_numbers):
-        return _Danger(f"Element {', '.join(map(str, no_numbers))} is not a number.")
+        names = ", ".join(map(str, no_numbers))
+        return _Danger(f"Element {names} is not a number.")
     sizes: Floats = np.where(finite, np.abs(series.values), 0.0)
     if p.reach is not None and sizes.max() > p.reach:
-        element = int(sizes.max(axis=0).argmax())
-        first = int(np.argmax(sizes.max(axis=1) > p.reach))
-        reason = f"Element {element} goes as far as {sizes.max():.2f}, beyond ±{p.reach:g}."
-        return _Danger(reason, first)
+        return _too_far(sizes, p.reach)
     return _jump(series, sizes, p, fits)
+
+
+def _too_far(sizes: Floats, reach: float) -> _Danger:
+    """State how far the farthest element goes, at the first message beyond the reach."""
+    farthest = sizes.max(axis=0)
+    element = int(farthest.argmax())
+    first = int(np.argmax(sizes.max(axis=1) > reach))
+    distance = farthest[element]
+    reason = f"Element {element} goes as far as {distance:.2f}, beyond ±{reach:g}."
+    return _Danger(reason, first)
 
 
 def _jump(series: Series, sizes: Floats, p: Sinusoids, fits: _Fits) -> _Danger | None:
@@ -374,9 +414,11 @@ def _jump(series: Series, sizes: Floats, p: Sinusoids, fits: _Fits) -> _Danger |
     else:
         begins = _begins(p, fits)
     element = max(begins, key=lambda n: begins[n], default=0)
-    if begins.get(element, 0.0) <= p.starts_within:
+    distance = begins.get(element, 0.0)
+    if distance <= p.starts_within:
         return None
-    return _Danger(f"Element {element} jumps to {begins[element]:.2f} with the first message.", 0)
+    reason = f"Element {element} jumps to {distance:.2f} with the first message."
+    return _Danger(reason, 0)
 
 
 def _nearest_begin(series: Series, sizes: Floats) -> Floats:
@@ -386,8 +428,11 @@ def _nearest_begin(series: Series, sizes: Floats) -> Floats:
     """
     few = slice(_FIRST_MESSAGES)
     numbers = np.maximum(1, np.diff(series.sequence[few]))
-    steps = np.abs(np.diff(sizes[few], axis=0)) / numbers[:, None]
-    nearest: Floats = sizes[0] - (series.sequence[0] - 1) * steps.max(axis=0, initial=0.0)
+    changes = np.abs(np.diff(sizes[few], axis=0))
+    steps = changes / numbers[:, None]
+    largest = steps.max(axis=0, initial=0.0)
+    missed = series.sequence[0] - 1
+    nearest: Floats = sizes[0] - missed * largest
     return nearest
 
 
@@ -397,7 +442,8 @@ def _begins(p: Sinusoids, fits: _Fits) -> dict[int, float]:
     for component in p.components:
         fit = _earliest(fits[component.index], component, p)
         if fit is not None:
-            begins[component.index] = fit.amplitude * abs(np.sin(fit.phase))
+            sine = abs(np.sin(fit.phase))
+            begins[component.index] = fit.amplitude * sine
     return begins
 
 
@@ -407,7 +453,8 @@ _FEWEST = 20
 
 def _element_of(series: Series, c: Component, p: Sinusoids) -> int | None:
     """Return the other element that moves as a component should."""
-    for index in range(min(p.others_still, series.values.shape[1])):
+    elements = min(p.others_still, series.values.shape[1])
+    for index in range(elements):
         values = series.values[:, index]
         if index == c.index:
             continue
@@ -416,7 +463,8 @@ def _element_of(series: Series, c: Component, p: Sinusoids) -> int | None:
         if float(np.ptp(values)) <= c.amplitude:
             continue
         moved = c.model_copy(update={"index": index})
-        if _earliest(_fits(series, moved, p), moved, p) is not None:
+        fits = _fits(series, moved, p)
+        if _earliest(fits, moved, p) is not None:
             return index
     return None
 
@@ -425,10 +473,12 @@ def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
     used = {component.index for component in p.components}
     smallest = min(component.amplitude for component in p.components)
     # Another part charges values that are no numbers.
-    sizes = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=0)
+    sizes = np.where(np.isfinite(values), np.abs(values), 0.0)
+    farthest = sizes.max(axis=0)[: p.others_still]
+    most = p.tolerance * smallest
     moving = []
-    for index in range(min(p.others_still, values.shape[1])):
-        if index not in used and float(sizes[index]) > p.tolerance * smallest:
+    for index, distance in enumerate(farthest.tolist()):
+        if index not in used and distance > most:
             moving.append(index)
     return moving
 
@@ -449,7 +499,8 @@ def _judge_component(
     early = _earliest(fits, c, p)
     if early is not None:
         return _judge_phase(early, c, p, text)
-    if float(np.ptp(values)) < p.tolerance * c.amplitude:
+    moved = float(np.ptp(values))
+    if moved < p.tolerance * c.amplitude:
         return Part(0.0, f"[{c.index}] does not move", f"Element {c.index} does not move.")
     got = f"Element {c.index} has amplitude {amplitude} and frequency {frequency} Hz"
     return _wrong_motion(best, c, p, text, got)
@@ -457,13 +508,14 @@ def _judge_component(
 
 def _distinguished(got: float, wanted: float, p: Sinusoids) -> str:
     """Return a number with as many places as show on which side of the tolerance it is."""
-    limits = (wanted * (1 - p.tolerance), wanted * (1 + p.tolerance))
-    return apart(got, *limits, places=3)
+    off = wanted * p.tolerance
+    return apart(got, wanted - off, wanted + off, places=3)
 
 
 def _judge_phase(fit: Sinusoid, c: Component, p: Sinusoids, text: str) -> Part:
     """Judge where in its period a motion of the right amplitude and frequency begins."""
-    if abs(fit.phase) <= 2 * np.pi * p.phase_tolerance:
+    most = 2 * np.pi * p.phase_tolerance
+    if abs(fit.phase) <= most:
         return Part(1.0, text)
     degrees = np.degrees(fit.phase)
     begins = f"begins {degrees:.0f}° into its sine instead of at 0° (180° inverts the sign)"
@@ -484,8 +536,13 @@ def _wrong_motion(fit: Sinusoid, c: Component, p: Sinusoids, text: str, got: str
     reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)"
     if not is_clean:
         reason += ", and is no clean sine"
-    halves = int(frequency_right) + int(amplitude_right and is_centred)
-    return Part(0.5 * halves, text, f"{reason}. {_slip_of(fit, c, p)}".strip())
+    share = 0.0
+    if frequency_right:
+        share += 0.5
+    if amplitude_right and is_centred:
+        share += 0.5
+    slip = _slip_of(fit, c, p)
+    return Part(share, text, f"{reason}. {slip}".strip())
 
 
 def _slip_of(fit: Sinusoid, c: Component, p: Sinusoids) -> str:
@@ -525,26 +582,37 @@ def _fits(series: Series, c: Component, p: Sinusoids) -> list[Sinusoid]:
     series = series.only(finite)
     values = series.values[:, c.index]
     bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
-    by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
-    fits = [
-        fit_sinusoid(_since_first_s(series), values, *bounds),
-        fit_sinusoid(by_count, values, *bounds),
-    ]
+    fits = []
+    for times_s in (_since_first_s(series), _counted_s(series, p.tick_s)):
+        fits.append(fit_sinusoid(times_s, values, *bounds))
     if _earliest(fits, c, p) is None:
-        steps = np.maximum(np.diff(series.sequence), 1)
-        usual_s = float(np.median(np.diff(series.sent_s) / steps))
-        by_period: Floats = (series.sequence - 1) * np.float64(usual_s)
-        fits.append(fit_sinusoid(by_period, values, *bounds))
+        times_s = _counted_s(series, _usual_period_s(series))
+        fits.append(fit_sinusoid(times_s, values, *bounds))
     return fits
+
+
+def _counted_s(series: Series, period_s: float) -> Floats:
+    """Return the time of each message since the node's first, by its number and a period."""
+    times_s: Floats = (series.sequence - 1) * np.float64(period_s)
+    return times_s
+
+
+def _usual_period_s(series: Series) -> float:
+    """Return the median period of the messages."""
+    steps = np.maximum(np.diff(series.sequence), 1)
+    periods_s = np.diff(series.sent_s) / steps
+    return float(np.median(periods_s))
 
 
 def _since_first_s(series: Series) -> Floats:
     """Return the time of each message since the node's first, which may not have been recorded."""
     times_s: Floats = series.sent_s - series.sent_s[0]
-    written = int(series.sequence[-1] - series.sequence[0])
+    first = int(series.sequence[0])
+    written = int(series.sequence[-1]) - first
     missed_s = 0.0
     if written > 0:
-        missed_s = (int(series.sequence[0]) - 1) * float(times_s[-1]) / written
+        lasted_s = float(times_s[-1])
+        missed_s = (first - 1) * lasted_s / written
     shifted: Floats = times_s + max(0.0, missed_s)
     return shifted
 
@@ -552,6 +620,10 @@ def _since_first_s(series: Series) -> Floats:
 def _badness(fit: Sinusoid, c: Component) -> float:
     """Return the largest relative deviation of a fit from a component."""
     amplitude_ratio, frequency_ratio = _ratios(fit, c)
-    offset = abs(fit.offset) / c.amplitude
-    residual = fit.residual / c.amplitude
-    return max(abs(amplitude_ratio - 1), abs(frequency_ratio - 1), offset, residual)
+    deviations = (
+        abs(amplitude_ratio - 1),
+        abs(frequency_ratio - 1),
+        abs(fit.offset) / c.amplitude,
+        fit.residual / c.amplitude,
+    )
+    return max(deviations)

@@ -73,9 +73,11 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
 
     A table with an impossible latency in each of its rows misleads, and earns half of the rest.
     """
-    claims = context.result_rows(p.artifact, [row.name for row in p.rows], p.pattern)
+    names = [row.name for row in p.rows]
+    claims = context.result_rows(p.artifact, names, p.pattern)
     rows = [row for row in p.rows if _has_traffic(context, row, claims)]
-    expected = f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
+    tolerance = percent(p.count_tolerance)
+    expected = f"for each profile the messages delivered (± {tolerance}) and a latency that is possible"
     if not rows:
         reason = "Not tested, because nothing was sent on any of the topics."
         return not_reached(reason, expected=expected)
@@ -83,21 +85,31 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     constants = _written_beforehand(context, p, printed)
     if constants:
         return _all_constants(expected, constants)
+    finding = _judge_rows(context, p, rows, claims, expected)
+    finding = _explained_by_lambda(context, p, finding, printed)
+    unmeasured = _unmeasured(context, p, rows, claims, finding)
+    return replace(finding, unmeasured=unmeasured)
+
+
+def _judge_rows(
+    context: Context, p: ReportedTraffic, rows: Sequence[Row], claims: _Claims, expected: str
+) -> Finding:
+    """Judge the rows on topics with messages."""
     run = context.process(p.artifact)
     delay = Delayed(0.0, 1.0)
     if run is not None:
-        delay = context.delayed(run, *context.life(run))
+        started_s, ended_s = context.life(run)
+        delay = context.delayed(run, started_s, ended_s)
     parts = []
-    for row in rows:
-        parts.append(_judge_reported(context, p, row, claims[row.name], delay))
-    parts = _misleading(parts)
     measured = "no results"
-    if any(part.text for part in parts):
-        measured = ""
-    where = (context.output_location(p.artifact),)
-    finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.why)
-    finding = _explained_by_lambda(context, p, finding, printed)
-    return replace(finding, unmeasured=_unmeasured(context, p, rows, claims, finding))
+    for row in rows:
+        part = _judge_reported(context, p, row, claims[row.name], delay)
+        parts.append(part)
+        if part.text:
+            measured = ""
+    where = context.output_location(p.artifact)
+    parts = _misleading(parts)
+    return of_parts(expected, parts, measured=measured, where=(where,), doubt=delay.why)
 
 
 def _explained_by_lambda(
@@ -125,8 +137,9 @@ def _has_traffic(context: Context, row: Row, claims: _Claims) -> bool:
     Another check charges a topic without messages.
     """
     claim = claims[row.name]
-    says_so = claim is not None and bool(claim.count)
-    return says_so or _written(context, row.topic) > 0
+    if claim is not None and claim.count:
+        return True
+    return _written(context, row.topic) > 0
 
 
 def _all_constants(expected: str, constants: Sequence[Location]) -> Finding:
@@ -177,7 +190,8 @@ def _judge_reported(
     run = context.process(p.artifact)
     written = _nearest_count(context, row, claim)
     usual = _usual_lateness(context, run, row.topic, written)
-    worst = _worst_lateness(context, run, usual, written * delay.delay_s / delay.length_s)
+    pushed_out = written * delay.delay_s / delay.length_s
+    worst = _worst_lateness(context, run, usual, pushed_out)
     judged = _judge_row(context, p, row, claim, written, usual)
     best = _judge_row(context, p, row, claim, written, worst)
     if claim.mean_s is None:
@@ -208,7 +222,8 @@ def _nearest_count(context: Context, row: Row, claim: ResultRow) -> int:
 def _written(context: Context, topic: str, until_s: float = math.inf) -> int:
     """Return the number of messages written to a topic, up to a time in s if one is given."""
     messages = context.messages(topic)
-    return int(messages.sequence[messages.sent_s <= until_s].max(initial=0))
+    sequence = messages.sequence[messages.sent_s <= until_s]
+    return int(sequence.max(initial=0))
 
 
 def _usual_lateness(
@@ -239,18 +254,21 @@ def _unmeasured(
 ) -> str | None:
     """Say which counts cannot come from received messages; None if all can."""
     counted = []
+    unheard = []
     for row in rows:
         claim = claims[row.name]
-        if claim is not None and claim.count:
-            counted.append(row)
-    unheard = []
-    for row in counted:
+        if claim is None or not claim.count:
+            continue
+        counted.append(row)
         if not context.endpoints(row.topic, "subscription"):
             unheard.append(row.topic)
     if unheard:
-        return f"It counts messages on {', '.join(unheard)}, to which nothing of the submission subscribes."
-    if len(counted) == len(rows) > 1 and finding.outcome is Outcome.FAILED:
-        return f"None of the {len(rows)} counts that it prints is that of the messages in the recording."
+        topics = ", ".join(unheard)
+        return f"It counts messages on {topics}, to which nothing of the submission subscribes."
+    count = len(rows)
+    has_failed = finding.outcome is Outcome.FAILED
+    if has_failed and len(counted) == count > 1:
+        return f"None of the {count} counts that it prints is that of the messages in the recording."
     path = context.path_of(p.artifact) or ""
     line = idle_callback(context.text(path) or "")
     if counted and line is not None:
@@ -280,15 +298,16 @@ def _written_beforehand(
     held = _numbers_in(context.text(path) or "")
     latencies: set[float] = set()
     for claim in claims:
-        latencies.update(value for value in (claim.mean_s, claim.max_s) if value)
+        if claim.count not in held:
+            return []
+        for value in (claim.mean_s, claim.max_s):
+            if value:
+                latencies.add(value)
     if len(latencies) < _LEAST_LATENCIES:
         return []
-    if not all(claim.count in held for claim in claims):
-        return []
     for unit in _UNITS:
-        places = [_line_of(value * unit, held) for value in latencies]
-        if None not in places:
-            lines = sorted({line for line in places if line})
+        lines = _lines_of([value * unit for value in latencies], held)
+        if lines:
             return [Location(file=path, line=line) for line in lines[:_MOST_LINES]]
     return []
 
@@ -300,6 +319,17 @@ def _numbers_in(source: str) -> dict[float, int]:
         for text in _NUMBER.findall(line[:_LINE_LIMIT]):
             held[float(text)] = number
     return held
+
+
+def _lines_of(values: Sequence[float], held: Mapping[float, int]) -> list[int]:
+    """Return the lines that hold some values, in their order; empty if one of the values is missing."""
+    lines = set()
+    for value in values:
+        line = _line_of(value, held)
+        if line is None:
+            return []
+        lines.add(line)
+    return sorted(lines)
 
 
 def _line_of(value: float, held: Mapping[float, int]) -> int | None:
@@ -326,9 +356,11 @@ def _unheld(context: Context, run: Run, topic: str) -> float:
     times_s = context.messages(topic).sent_s
     if len(times_s) < 2:
         return 0.0
-    period_s = float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
+    lasted_s = float(times_s[-1] - times_s[0])
+    period_s = lasted_s / (len(times_s) - 1)
+    room_s = (depth - 1) * period_s
     start_s, end_s = context.life(run)
-    backlog = context.backlog(run, start_s, end_s, (depth - 1) * period_s)
+    backlog = context.backlog(run, start_s, end_s, room_s)
     return backlog.lost_s / max(period_s, 1e-9)
 
 
@@ -340,9 +372,12 @@ def _waits_s(context: Context, run: Run, topic: str) -> float:
     times_s = context.messages(topic).sent_s
     if len(times_s) < 2:
         return 0.0
-    start_s, end_s = float(times_s[0]), float(times_s[-1])
+    start_s = float(times_s[0])
+    end_s = float(times_s[-1])
     delays_s = context.noted_delays_s(run, start_s, end_s)
-    return float((delays_s**2).sum()) / 2 / max(end_s - start_s, 1e-9)
+    squares = float((delays_s**2).sum())
+    lasted_s = max(end_s - start_s, 1e-9)
+    return squares / 2 / lasted_s
 
 
 @dataclass(frozen=True)
@@ -364,9 +399,10 @@ def _judge_row(
 ) -> _Judged:
     """Judge a row. An impossible count earns nothing for the latency either."""
     counted = f"{row.name} reports {got.count} messages"
-    unheard = "" if got.count else context.unheard(row.topic)
-    if unheard:
-        return _Judged(0.5, f"{counted}, which is true. {unheard}")
+    if not got.count:
+        unheard = context.unheard(row.topic)
+        if unheard:
+            return _Judged(0.5, f"{counted}, which is true. {unheard}")
     if not context.endpoints(row.topic, "subscription"):
         return _Judged(0.0, f"{counted}, but nothing subscribes to {row.topic}.")
     slack = max(3.0, p.count_tolerance * written)
@@ -425,10 +461,12 @@ def _impossible_latency(
     """
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
-    most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s) + late_s
+    most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s)
+    most_s += late_s
     if _is_possible(got, mean_s, least_s, most_s):
         return ""
-    reason = f"{_reported_latency(row, got, mean_s)}; recorded was {truth_s * 1e3:.2f} ms."
+    reported = _reported_latency(row, got, mean_s)
+    reason = f"{reported}; recorded was {truth_s * 1e3:.2f} ms."
     for factor, said in _SLIPS:
         if least_s <= factor * mean_s <= most_s:
             return f"{reason} {said}"
@@ -441,7 +479,9 @@ def _is_possible(got: ResultRow, mean_s: float, least_s: float, most_s: float) -
         return False
     if got.max_s is not None and mean_s > got.max_s + 1e-5:
         return False
-    return least_s - got.rounding_s <= mean_s <= most_s + got.rounding_s
+    low_s = least_s - got.rounding_s
+    high_s = most_s + got.rounding_s
+    return low_s <= mean_s <= high_s
 
 
 def _reported_latency(row: Row, got: ResultRow, mean_s: float) -> str:
@@ -449,8 +489,9 @@ def _reported_latency(row: Row, got: ResultRow, mean_s: float) -> str:
     if got.max_s is None:
         mean_ms = apart(mean_s * 1e3, places=2)
         return f"{row.name} reports a mean latency of {mean_ms} ms"
-    mean_ms = apart(mean_s * 1e3, got.max_s * 1e3, places=2)
-    return f"{row.name} reports a mean latency of {mean_ms} ms (max {got.max_s * 1e3:.2f} ms)"
+    max_ms = got.max_s * 1e3
+    mean_ms = apart(mean_s * 1e3, max_ms, places=2)
+    return f"{row.name} reports a mean latency of {mean_ms} ms (max {max_ms:.2f} ms)"
 
 
 #: Bounds in seconds of median latencies within a machine, valid up to a delayed share of the recorder's time.
@@ -459,7 +500,10 @@ _LEAST_MEDIAN_S, _MOST_MEDIAN_S, _RECORDER_BUSY = -0.001, 0.03, 0.2
 
 def _stamped_otherwise(context: Context, latencies: NDArray[np.float64]) -> bool:
     """Tell whether the student's process stamped messages with other times than the publication."""
-    whole_s = (0.0, context.duration_s)
-    busy = context.recorder_delay_s(*whole_s) > _RECORDER_BUSY * context.duration_s
-    plausible = _LEAST_MEDIAN_S <= float(np.median(latencies)) <= _MOST_MEDIAN_S
-    return not plausible and not busy and not context.clock_step_s(*whole_s)
+    median_s = float(np.median(latencies))
+    if _LEAST_MEDIAN_S <= median_s <= _MOST_MEDIAN_S:
+        return False
+    end_s = context.duration_s
+    if context.recorder_delay_s(0.0, end_s) > _RECORDER_BUSY * end_s:
+        return False
+    return not context.clock_step_s(0.0, end_s)

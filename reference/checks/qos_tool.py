@@ -78,7 +78,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     measured += ", no results"
     if run.exit_status == 0 and ran_s >= p.least_s:
         return _ended_without_results(p, expected, measured, bool(printed.strip()))
-    return unexplained(graded(0.0, expected, measured, "It ended without results."))
+    early = graded(0.0, expected, measured, "It ended without results.")
+    return unexplained(early)
 
 
 def _had_to_be_stopped(
@@ -90,7 +91,9 @@ def _had_to_be_stopped(
         stopped_s = run.interrupted_s - run.started_s
     reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
     hint = "End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop."
-    share = p.half_credit if has_results else 0.0
+    share = 0.0
+    if has_results:
+        share = p.half_credit
     return graded(share, expected, "had to be stopped", reason, hint=hint)
 
 
@@ -103,20 +106,25 @@ def _ended_with_results(
         notes.append(
             "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
         )
-    share = p.half_credit if ran_s < p.least_s else 1.0
+    share = 1.0
+    if ran_s < p.least_s:
+        share = p.half_credit
     measured = f"{ended} with status {run.exit_status}"
-    return graded(share, expected, measured, f"It {ended}, which is too early.", notes=notes)
+    reason = f"It {ended}, which is too early."
+    return graded(share, expected, measured, reason, notes=notes)
 
 
 def _ended_without_results(
     p: EndsByItself, expected: str, measured: str, has_printed: bool
 ) -> Finding:
     """State that a process ended in time, but that its output holds no results."""
+    share = 0.0
     reason = "It ended in time, and printed nothing."
     if has_printed:
         reason = "It ended in time, but nothing that it printed could be read as results."
+        share = p.half_credit
     hint = "Print the results before the program ends, with print() or the logger."
-    return graded(p.half_credit * has_printed, expected, measured, reason, hint=hint)
+    return graded(share, expected, measured, reason, hint=hint)
 
 
 def _without_tracebacks(output: Sequence[Line]) -> str:
@@ -158,7 +166,9 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     delay = Delayed(0.0, 0.0)
     for run in context.runs():
         if run.role == "student":
-            delay = max(delay, context.delayed(run, *context.life(run)))
+            started_s, ended_s = context.life(run)
+            delayed = context.delayed(run, started_s, ended_s)
+            delay = max(delay, delayed)
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
     parts = [_judge_traffic(context, p, topic, delay) for topic in p.topics]
     return of_parts(expected, parts, doubt=delay.why)
@@ -171,7 +181,9 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
     undelayed = without_delay(count, delay.delay_s, delay.length_s)
     reasons = []
     heard = 1.0
-    unheard = context.unheard(topic) if count else ""
+    unheard = ""
+    if count:
+        unheard = context.unheard(topic)
     if unheard:
         heard = p.unheard_credit
         reasons.append(unheard)
@@ -181,18 +193,20 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
     if count and used != topic:
         cost = p.other_name_costs
         reasons.append(f"{topic} is named {used}; the other checks use that name.")
-    share = max(0.0, _share_of(count, p) - cost) * heard
-    best = max(0.0, _share_of(undelayed, p) - cost) * heard
-    return Part(share, f"{used} {count}", " ".join(reasons), best)
+    share = max(0.0, _share_of(count, p) - cost)
+    best = max(0.0, _share_of(undelayed, p) - cost)
+    return Part(share * heard, f"{used} {count}", " ".join(reasons), best * heard)
 
 
 def _share_of(count: float, p: TopicsCarryTraffic) -> float:
-    return min(1.0, quantise(count / p.least_messages))
+    share = quantise(count / p.least_messages)
+    return min(1.0, share)
 
 
 def _written(context: Context, topic: str) -> int:
     """Return the number of messages written to a topic."""
-    return int(context.messages(topic).sequence.max(initial=0))
+    messages = context.messages(topic)
+    return int(messages.sequence.max(initial=0))
 
 
 class WantedProfile(BaseModel, frozen=True):
@@ -242,7 +256,9 @@ class _Side:
         """Return the values of a policy: from the graph, or for history and depth from the program."""
         if policy in ("reliability", "durability"):
             return [getattr(qos, policy) for qos in self.seen]
-        return [getattr(self.asked, policy)] if self.asked is not None else []
+        if self.asked is None:
+            return []
+        return [getattr(self.asked, policy)]
 
     def wrong(self, wanted: WantedProfile) -> str:
         """Say which policies have other values than wanted."""
@@ -260,7 +276,8 @@ class _Side:
         history = "history unknown"
         if self.asked is not None:
             history = f"{self.asked.history} {self.asked.depth}"
-        return f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}"
+        first = self.seen[0]
+        return f"{first.reliability}, {history}, {first.durability}"
 
 
 #: Both sides of each topic.
@@ -275,15 +292,15 @@ _Sides = Mapping[WantedProfile, Sequence[_Side]]
 def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     """Judge reliability and durability from discovery, history and depth from the calls of rclpy."""
     sides = {}
+    parts = []
     for wanted in p.profiles:
         publisher = _Side.of(context, "publisher", wanted.topic)
         subscription = _Side.of(context, "subscription", wanted.topic)
-        sides[wanted] = [publisher, subscription]
-    parts = [_judge_profile(wanted, sides[wanted], p.one_sided_credit) for wanted in sides]
-    if _all_alike(sides) and sum(part.share for part in parts) > p.alike_credit * len(parts):
-        parts = [replace(part, share=p.alike_credit) for part in parts]
-        reason = f"All topics have one and the same profile, so that nothing is compared. {parts[0].reason}"
-        parts[0] = replace(parts[0], reason=reason.strip())
+        both = (publisher, subscription)
+        sides[wanted] = both
+        parts.append(_judge_profile(wanted, both, p.one_sided_credit))
+    if _all_alike(sides):
+        parts = _limited(parts, p.alike_credit)
     expected = "; ".join(map(_shown_profile, p.profiles))
     finding = of_parts(expected, parts, where=(context.location(),))
     unknown = _without_history(sides)
@@ -291,6 +308,18 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
         return finding
     reason = f"The recording does not show the history and depth of {unknown}."
     return undecided(finding, reason, retry=False)
+
+
+def _limited(parts: list[Part], share: float) -> list[Part]:
+    """Return the parts of profiles that are all alike, each with a share if they have more together."""
+    total = sum(part.share for part in parts)
+    if total <= share * len(parts):
+        return parts
+    limited = [replace(part, share=share) for part in parts]
+    first = limited[0]
+    reason = f"All topics have one and the same profile, so that nothing is compared. {first.reason}"
+    limited[0] = replace(first, reason=reason.strip())
+    return limited
 
 
 def _shown_profile(wanted: WantedProfile) -> str:
@@ -302,7 +331,9 @@ def _all_alike(sides: _Sides) -> bool:
     """Tell whether all sides of several topics have the same profile."""
     shown: set[str] = set()
     for both in sides.values():
-        shown.update(str(side) for side in both if side.seen)
+        for side in both:
+            if side.seen:
+                shown.add(str(side))
     return len(sides) > 1 and len(shown) == 1
 
 
@@ -321,8 +352,8 @@ def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_cred
     reasons = []
     if missing:
         reasons.append(f"There is no {' and no '.join(missing)} on {wanted.topic}.")
-    shares = [_right_share(wanted, sides, policy) for policy in _POLICIES]
-    share = sum(shares) / len(shares) * (1.0, one_sided_credit, 0.0)[len(missing)]
+    credits = (1.0, one_sided_credit, 0.0)
+    share = _right_policies(wanted, sides) * credits[len(missing)]
     where: list[Location] = []
     if len(missing) < len(sides):
         wrong, charged = _wrong_policies(wanted, sides)
@@ -333,12 +364,23 @@ def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_cred
     return Part(share, text, " ".join(reasons), where=tuple(where))
 
 
+def _right_policies(wanted: WantedProfile, sides: Sequence[_Side]) -> float:
+    """Return the share of right values, each policy counted alike."""
+    right = 0.0
+    for policy in _POLICIES:
+        right += _right_share(wanted, sides, policy)
+    return right / len(_POLICIES)
+
+
 def _right_share(wanted: WantedProfile, sides: Sequence[_Side], policy: str) -> float:
     """Return the share of right values of a policy; all of it if none is known."""
     values: list[str | int | None] = []
     for side in sides:
         values += side.values(policy)
-    return values.count(getattr(wanted, policy)) / len(values) if values else 1.0
+    if not values:
+        return 1.0
+    right = values.count(getattr(wanted, policy))
+    return right / len(values)
 
 
 def _wrong_policies(wanted: WantedProfile, sides: Sequence[_Side]) -> tuple[list[str], list[_Side]]:
@@ -362,6 +404,8 @@ def _wrong_policies(wanted: WantedProfile, sides: Sequence[_Side]) -> tuple[list
 
 def _shown_sides(sides: Sequence[_Side]) -> str:
     """Return the profile of both sides, once if they are the same."""
-    if len(set(map(str, sides))) == 1:
-        return str(sides[0])
-    return " / ".join(f"{side.kind} {side}" for side in sides)
+    shown = [str(side) for side in sides]
+    if len(set(shown)) == 1:
+        return shown[0]
+    named = [f"{side.kind} {side}" for side in sides]
+    return " / ".join(named)

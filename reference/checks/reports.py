@@ -32,7 +32,6 @@ from grader.own_checks import (
     Topic,
     apart,
     check,
-    cpu_delay_doubt,
     excused,
     failed,
     graded,
@@ -73,12 +72,16 @@ class Streams(BaseModel):
     def recorded(self, context: Context) -> dict[str, NumericStream] | None:
         """Return the streams by role, or None if one of them was not recorded."""
         streams = context.streams(self.streams, self.field)
-        return streams if len(streams) == len(self.streams) else None
+        if len(streams) < len(self.streams):
+            return None
+        return streams
 
     def longest(self, context: Context) -> Integers:
         """Return the source timestamps of the recorded stream with the most messages."""
-        streams = context.streams(self.streams, self.field).values()
-        return max((stream.source_ns for stream in streams), key=len)
+        times_ns = []
+        for stream in context.streams(self.streams, self.field).values():
+            times_ns.append(stream.source_ns)
+        return max(times_ns, key=len)
 
 
 _NO_STIMULUS = "Commands and states were not recorded, so there is nothing to compare with."
@@ -110,19 +113,15 @@ class Alternative(BaseModel):
         The share of right numbers is the least credit. A mistake that costs nothing is excused.
         """
         meant = f"Your numbers match {self.meaning}."
-        judged = graded(
-            max(self.credit, least),
-            finding.expected,
-            finding.measured,
-            f"{finding.reason} {meant}".strip(),
-            where=finding.where,
-            notes=finding.notes,
-        )
+        reason = f"{finding.reason} {meant}".strip()
+        judged = _regraded(finding, max(self.credit, least), reason)
         if judged.outcome is Outcome.PASSED:
             return excused(judged, meant)
         if self.each:
             return judged
-        cause = self.cause or f"{artifact}: {dict(self.parameters)}"
+        cause = self.cause
+        if not cause:
+            cause = f"{artifact}: {dict(self.parameters)}"
         return context.charge(judged, cause, self.charged_by)
 
 
@@ -132,6 +131,17 @@ class FewerReports(BaseModel):
     oracle: Loadable = Field(description="file.py:function that counts the reports.")
     meaning: str
     credit: float = Field(ge=0, le=1)
+
+
+def _regraded(
+    finding: Finding, share: float, reason: str, best: float | None = None, doubt: str = ""
+) -> Finding:
+    """State another share of credit with the texts of a finding."""
+    expected, measured = finding.expected, finding.measured
+    where, notes = finding.where, finding.notes
+    return graded(
+        share, expected, measured, reason, where=where, notes=notes, best=best, doubt=doubt
+    )
 
 
 class ReportShare(BaseModel):
@@ -175,9 +185,10 @@ class _Plateau:
     @property
     def value(self) -> float | None:
         """The median of the reports; None without any."""
-        if not self.reports:
+        values = [report.value for report in self.reports]
+        if not values:
             return None
-        return float(np.median([report.value for report in self.reports]))
+        return float(np.median(values))
 
     def is_right(self, p: ReportedSeries) -> bool:
         """Tell whether the value is right, up to the rounding of the printed numbers."""
@@ -185,12 +196,17 @@ class _Plateau:
             return False
         roundings = [report.rounding for report in self.reports if report.rounding]
         rounding = min(roundings, default=0.0)
-        slack = max(p.tolerance, 0.01 * abs(self.right), rounding * 1.01)
+        hundredth = 0.01 * abs(self.right)
+        slack = max(p.tolerance, hundredth, rounding * 1.01)
         return abs(self.value - self.right) <= slack
 
     def has_value_of(self, earlier: Sequence[_Plateau], p: ReportedSeries) -> bool:
         """Tell whether the value would be right on one of some earlier plateaus."""
-        return any(replace(self, right=each.right).is_right(p) for each in earlier)
+        for each in earlier:
+            as_then = replace(self, right=each.right)
+            if as_then.is_right(p):
+                return True
+        return False
 
 
 def _plateaus(
@@ -208,8 +224,12 @@ def _plateaus(
     for each in p.answer(context, streams, other):
         start_ns = each["start_ns"] + settle_ns
         end_ns = each["end_ns"] - settle_ns
-        inside = tuple(report for report in heard if start_ns <= report.t_ns <= end_ns)
-        found.append(_Plateau(start_ns, end_ns, float(each["value"]), inside))
+        right = float(each["value"])
+        inside = []
+        for report in heard:
+            if start_ns <= report.t_ns <= end_ns:
+                inside.append(report)
+        found.append(_Plateau(start_ns, end_ns, right, tuple(inside)))
     return found
 
 
@@ -233,21 +253,32 @@ class _Series:
     @property
     def reached(self) -> int:
         """Number of plateaus up to the last one with a report."""
-        numbers = [number for number, each in enumerate(self.plateaus, 1) if each.reports]
-        return max(numbers, default=0)
+        last = 0
+        for number, plateau in enumerate(self.plateaus, 1):
+            if plateau.reports:
+                last = number
+        return last
 
     @property
     def unreported(self) -> int:
         """Number of plateaus without a report before the last right one."""
-        last_right = max((number for number, fit in enumerate(self.fits, 1) if fit), default=0)
-        return sum(not plateau.reports for plateau in self.plateaus[:last_right])
+        count = 0
+        before = 0
+        for plateau, fits in zip(self.plateaus, self.fits, strict=True):
+            if not plateau.reports:
+                count += 1
+            if fits:
+                before = count
+        return before
 
     def behind(self, p: ReportedSeries) -> list[_Plateau]:
         """Return the wrong plateaus that have the value of an earlier one."""
         found = []
-        for number, plateau in enumerate(self.plateaus):
-            if not self.fits[number] and plateau.has_value_of(self.plateaus[:number], p):
+        earlier: list[_Plateau] = []
+        for plateau, fits in zip(self.plateaus, self.fits, strict=True):
+            if not fits and plateau.has_value_of(earlier, p):
                 found.append(plateau)
+            earlier.append(plateau)
         return found
 
 
@@ -287,23 +318,19 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     count = _report_share(context, p, p.share)
     if count.share >= 1.0:
         return finding
-    less = graded(
-        count.credit(finding, p.share),
-        finding.expected,
-        f"{finding.measured}; {count.measured}",
-        f"{finding.reason} {count.reason}".strip(),
-        where=finding.where,
-        notes=finding.notes,
-        best=count.best_credit(finding, p.share),
-        doubt=count.doubt,
-    )
+    both = replace(finding, measured=f"{finding.measured}; {count.measured}")
+    reason = f"{finding.reason} {count.reason}".strip()
+    share = count.credit(finding, p.share)
+    best = count.best_credit(finding, p.share)
+    less = _regraded(both, share, reason, best, count.doubt)
     return replace(less, causes=finding.causes)
 
 
 def _credit_left(finding: Finding, p: ReportShare, share: float) -> float:
     """Return the credit of a finding, less the cost of messages without a report."""
     unreported = 1 - quantise(min(1.0, share))
-    return float(finding.credit) * (1 - p.costs * unreported)
+    left = 1 - p.costs * unreported
+    return float(finding.credit) * left
 
 
 def _right_values(context: Context, p: ReportedSeries) -> Finding:
@@ -317,11 +344,13 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
     if not heard:
         return _no_report(context, p, expected)
     series = _Series(plateaus, [plateau.is_right(p) for plateau in plateaus])
-    where = (context.output_location(p.artifact), context.location(next(iter(p.streams.values()))))
+    topic = next(iter(p.streams.values()))
+    where = (context.output_location(p.artifact), context.location(topic))
     measured = f"right in {series.right} of {count} phases ({len(heard)} reports)"
     if series.right == count:
         return passed(expected, measured, where=where)
-    example = _wrong(context, plateaus[series.fits.index(False)])
+    first_wrong = series.fits.index(False)
+    example = _wrong(context, plateaus[first_wrong])
     wrong = failed(expected, measured, example, where=where)
     mistake = _mistake(context, p, heard, count)
     if mistake is not None:
@@ -332,10 +361,10 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
 def _no_report(context: Context, p: ReportedSeries, expected: str) -> Finding:
     """State that the node printed no report."""
     run = _last_run(context, p.artifact)
-    printed = [line.text for line in run.lines] if run is not None else []
     others = ""
-    if printed:
-        others = f"; it printed {len(printed)} others, the last of which is {printed[-1][:100]!r}"
+    if run is not None and run.lines:
+        last = run.lines[-1].text[:100]
+        others = f"; it printed {len(run.lines)} others, the last of which is {last!r}"
     reason = f"The node printed no tracking error in the requested form, neither to its output nor to its log{others}."
     return unexplained(failed(expected, "no report", reason))
 
@@ -346,8 +375,10 @@ def _mistake(
     """Return the first known mistake that matches all reports, of at least half of the plateaus."""
     for other in p.alternatives:
         plateaus = _plateaus(context, p, heard, other.parameters)
-        alike = [plateau.is_right(p) for plateau in plateaus if plateau.reports]
-        if all(alike) and 2 * len(alike) >= count:
+        reported = [plateau for plateau in plateaus if plateau.reports]
+        if 2 * len(reported) < count:
+            continue
+        if all(plateau.is_right(p) for plateau in reported):
             return other
     return None
 
@@ -364,25 +395,23 @@ def _judge_plateaus(
     if p.end_charged_by is not None and _ended_early(context, p, series):
         phase = f"phase {series.reached + 1} of {series.count}"
         notes.append(f"The node ended in {phase}, which costs points in {p.end_charged_by}.")
-        unreported += min(series.count - series.reached, series.count // 2)
+        not_reached = series.count - series.reached
+        unreported += min(not_reached, series.count // 2)
     judged = max(series.right, series.count - unreported)
-    silent = series.plateaus[series.reached :]
-    kept, doubt = _kept_behind(context, p, [*series.behind(p), *silent])
-    return graded(
-        series.right / judged,
-        wrong.expected,
-        wrong.measured,
-        wrong.reason,
-        where=wrong.where,
-        notes=notes,
-        best=min(1.0, (series.right + kept) / judged),
-        doubt=doubt,
-    )
+    behind = series.behind(p)
+    behind += series.plateaus[series.reached :]
+    kept, doubt = _kept_behind(context, p, behind)
+    share = series.right / judged
+    best = min(1.0, (series.right + kept) / judged)
+    noted = replace(wrong, notes=tuple(notes))
+    return _regraded(noted, share, wrong.reason, best, doubt)
 
 
 def _ended_early(context: Context, p: ReportedSeries, series: _Series) -> bool:
     """Tell whether the node ended by itself before the last plateau."""
-    return series.reached < series.count and _went_on(context, p.artifact) is None
+    if series.reached == series.count:
+        return False
+    return _went_on(context, p.artifact) is None
 
 
 #: Longest stall of the grader, in seconds, without a report that is read on the next plateau.
@@ -400,22 +429,36 @@ def _kept_behind(
     run = _went_on(context, p.artifact)
     if run is None:
         return 0.0, ""
-    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
-    start_s = context.since_start_s(min(int(each[0]) for each in times))
-    end_s = context.since_start_s(max(int(each[-1]) for each in times))
-    doubt = cpu_delay_doubt(context.machine_delay_s(run, start_s, end_s), end_s - start_s)
+    start_s, end_s = _lasted_s(context, p)
+    doubt = context.delayed(run, start_s, end_s).why
     stalled = context.stalled_s(start_s, end_s) > _READ_LATE_S
     if stalled and run.limit is None and not run.output_dropped:
         return float("inf"), doubt
-    spoiled = sum(_may_be_spoiled(context, run, plateau) for plateau in behind)
-    return float(spoiled), doubt
+    spoiled = 0.0
+    for plateau in behind:
+        if _may_be_spoiled(context, run, plateau):
+            spoiled += 1
+    return spoiled, doubt
+
+
+def _lasted_s(context: Context, p: Streams) -> tuple[float, float]:
+    """Return the times of the first and of the last message of the streams, in s."""
+    firsts_ns = []
+    lasts_ns = []
+    for stream in context.streams(p.streams, p.field).values():
+        firsts_ns.append(int(stream.source_ns[0]))
+        lasts_ns.append(int(stream.source_ns[-1]))
+    start_s = context.since_start_s(min(firsts_ns))
+    end_s = context.since_start_s(max(lasts_ns))
+    return start_s, end_s
 
 
 def _may_be_spoiled(context: Context, run: Run, plateau: _Plateau) -> bool:
     """Tell whether a process had no core for half of a plateau."""
     start_s = context.since_start_s(plateau.start_ns)
     end_s = context.since_start_s(plateau.end_ns)
-    return context.machine_delay_s(run, start_s, end_s) >= (end_s - start_s) / 2
+    delay = context.delayed(run, start_s, end_s)
+    return delay.delay_s >= delay.length_s / 2
 
 
 def _wrong(context: Context, plateau: _Plateau) -> str:
@@ -432,15 +475,17 @@ def _wrong(context: Context, plateau: _Plateau) -> str:
 def _last_run(context: Context, artifact: str) -> Run | None:
     """Return the last process of an artifact; None if there is none."""
     runs = context.runs(artifact)
-    return runs[-1] if runs else None
+    if not runs:
+        return None
+    return runs[-1]
 
 
 def _went_on(context: Context, artifact: str) -> Run | None:
     """Return the artifact's last process, unless it ended by itself and so waited for nothing."""
     run = _last_run(context, artifact)
-    if run is None:
+    if run is None or not run.went_on:
         return None
-    return run if run.went_on else None
+    return run
 
 
 def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
@@ -453,10 +498,9 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
         return 0.0, ""
     times_ns = p.longest(context)
     sent_s = np.array([context.since_start_s(t_ns) for t_ns in times_ns.tolist()])
-    start_s, end_s = float(sent_s[0]), float(sent_s[-1])
-    delay_s = context.machine_delay_s(run, start_s, end_s)
+    delayed = context.delayed(run, float(sent_s[0]), float(sent_s[-1]))
     lost = context.lost_share(run, p.streams.values(), sent_s)
-    return lost, cpu_delay_doubt(delay_s, max(end_s - start_s, 1e-9))
+    return lost, delayed.why
 
 
 class Shorter(BaseModel):
@@ -504,7 +548,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     if streams is None:
         return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
     run = _last_run(context, p.artifact)
-    printed = _printed(p, run) if run is not None else None
+    printed = _printed(p, run)
     if printed is None:
         return _nothing_printed(p, run, expected)
     finding = _judge_vector(context, p, streams, printed)
@@ -513,24 +557,31 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     if finding.outcome is not Outcome.PASSED:
         return finding
     reason = _silent_when_shorter(context, p, p.shorter)
-    share = p.shorter.credit if reason else 1.0
-    return graded(share, finding.expected, finding.measured, reason, notes=finding.notes)
+    if not reason:
+        return finding
+    return _regraded(finding, p.shorter.credit, reason)
 
 
-def _printed(p: ReportedStatistics, run: Run) -> PrintedVector | None:
-    return run.printed_vector((p.label, *p.synonyms), p.unless)
+def _printed(p: ReportedStatistics, run: Run | None) -> PrintedVector | None:
+    """Return the vector that a process printed; None without a process."""
+    if run is None:
+        return None
+    labels = (p.label, *p.synonyms)
+    return run.printed_vector(labels, p.unless)
 
 
 def _nothing_printed(p: ReportedStatistics, run: Run | None, expected: str) -> Finding:
     """State that no vector was printed."""
-    flaky = run.flaky_end() if run is not None else ""
-    if flaky:
-        return unclear(expected, "nothing", flaky)
+    if run is not None:
+        flaky = run.flaky_end()
+        if flaky:
+            return unclear(expected, "nothing", flaky)
     reason = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
     hint = (
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
-    return unexplained(failed(expected, "nothing", reason, hint=hint))
+    nothing = failed(expected, "nothing", reason, hint=hint)
+    return unexplained(nothing)
 
 
 #: Share of messages lost to the machine from which the printed numbers may be of the others.
@@ -549,11 +600,10 @@ class _Vector:
     measured: str
     notes: tuple[str, ...]
 
-    def graded(self, share: float, reason: str, best: float, doubt: str) -> Finding:
-        """State a share of credit."""
-        return graded(
-            share, self.expected, self.measured, reason, notes=self.notes, best=best, doubt=doubt
-        )
+    @property
+    def right(self) -> Finding:
+        """The finding that all elements are right."""
+        return passed(self.expected, self.measured, notes=self.notes)
 
 
 def _judge_vector(
@@ -565,27 +615,41 @@ def _judge_vector(
     """Judge the elements of a printed vector over all messages, or over the reported ones."""
     vector = _vector(context, p, streams, printed)
     if vector.share >= 1:
-        return passed(vector.expected, vector.measured, notes=vector.notes)
-    if len(printed.values) != p.length:
-        reason = f"{len(printed.values)} numbers are printed, not one for each of {p.length}. Expected: {vector.right_text}."
+        return vector.right
+    reason = f"Expected: {vector.right_text}."
+    count = len(printed.values)
+    if count != p.length:
+        reason = f"{count} numbers are printed, not one for each of {p.length}. {reason}"
         return failed(vector.expected, vector.measured, reason)
     heard, comparable = _heard_of_some(context, p, streams)
-    fits = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
+    fits = False
+    if heard:
+        fits = _agrees(context, p, streams, {"reports": heard}, printed)
     of_all = len(heard) / comparable / p.full_from
     # After a loss, a right history reaches back further and may look like one that is too long.
     if fits and of_all >= 1:
         return _passed_over_reported(context, p, streams, vector, heard)
     for other in p.alternatives:
-        if _agreement(context, p, streams, other.parameters, printed) >= 1:
-            like = passed(vector.expected, vector.measured, notes=vector.notes)
-            return other.explains(context, p.artifact, like)
+        if _agrees(context, p, streams, other.parameters, printed):
+            return other.explains(context, p.artifact, vector.right)
     if fits:
         return _of_reported_only(context, p, vector, len(heard), of_all)
     lost, doubt = _lost_to_machine(context, p)
     best = vector.share
     if heard and lost >= _LOST_SHARE:
         best = 1.0
-    return vector.graded(vector.share, f"Expected: {vector.right_text}.", best, doubt)
+    return _regraded(vector.right, vector.share, reason, best, doubt)
+
+
+def _agrees(
+    context: Context,
+    p: ReportedStatistics,
+    streams: Mapping[str, NumericStream],
+    other: Mapping[str, Any],
+    printed: PrintedVector,
+) -> bool:
+    """Tell whether all elements lie within the oracle's bounds."""
+    return _agreement(context, p, streams, other, printed) >= 1
 
 
 def _passed_over_reported(
@@ -596,14 +660,16 @@ def _passed_over_reported(
     heard: Sequence[tuple[int, float]],
 ) -> Finding:
     """State that a vector is right for the messages that the node reported, with the right one for these."""
-    right = p.answer(context, streams, {"reports": heard})[p.key]["value"]
+    answer = p.answer(context, streams, {"reports": heard})
+    right = answer[p.key]["value"]
     measured, right_text = _shown_vectors(vector.printed.values, right, False)
     expected = f"{right_text} from the {len(heard)} messages that the node reported, behind '{p.label}:' at Ctrl-C"
     note = f"{p.label}: judged over the {len(heard)} reported messages."
     lost, _ = _lost_to_machine(context, p)
     if lost:
         note += " On a busy computer, a node may not get all of them."
-    return passed(expected, measured, notes=[*vector.notes, note])
+    notes = (*vector.notes, note)
+    return passed(expected, measured, notes=notes)
 
 
 def _vector(
@@ -614,8 +680,10 @@ def _vector(
 ) -> _Vector:
     """Compare a printed vector with the oracle's."""
     share = _agreement(context, p, streams, {}, printed)
-    right = p.answer(context, streams)[p.key]["value"]
-    measured, right_text = _shown_vectors(printed.values[: p.length], right, share < 1)
+    answer = p.answer(context, streams)
+    right = answer[p.key]["value"]
+    shown = printed.values[: p.length]
+    measured, right_text = _shown_vectors(shown, right, share < 1)
     expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
     notes: tuple[str, ...] = ()
     if printed.form != "vector":
@@ -633,14 +701,16 @@ def _shown_vectors(
     """
     if loses_points:
         for places in range(4, 10):
-            pair = (_shown_vector(printed, places), _shown_vector(right, places))
-            if pair[0] != pair[1]:
-                return pair
+            printed_text = _shown_vector(printed, places)
+            right_text = _shown_vector(right, places)
+            if printed_text != right_text:
+                return printed_text, right_text
     return _shown_vector(printed, 4), _shown_vector(right, 4)
 
 
 def _shown_vector(values: Iterable[float], places: int) -> str:
-    return f"[{' '.join(f'{value:.{places}f}' for value in values)}]"
+    numbers = [f"{value:.{places}f}" for value in values]
+    return f"[{' '.join(numbers)}]"
 
 
 def _of_reported_only(
@@ -649,14 +719,10 @@ def _of_reported_only(
     """Grade numbers that are right over the reported messages alone, by the share of these."""
     lost, doubt = _lost_to_machine(context, p)
     reason = f"Your numbers match only the {heard} messages that the node reported; it missed the others."
+    expected, measured = vector.expected, vector.measured
+    best = of_all + lost / p.full_from
     return graded(
-        of_all,
-        vector.expected,
-        vector.measured,
-        reason,
-        best=of_all + lost / p.full_from,
-        doubt=doubt,
-        levels=_LEVELS,
+        of_all, expected, measured, reason, best=best, doubt=doubt, levels=_LEVELS
     )
 
 
@@ -666,20 +732,27 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Short
     Empty if it printed them, or if the run does not tell.
     """
     other = context.in_session(shorter.session)
-    for run in other.runs() if other is not None else ():
+    if other is None:
+        return ""
+    for run in other.runs():
         count = len(run.reports(p.report_pattern))
         if not shorter.least <= count <= shorter.most:
             continue
         if not _was_interrupted(run):
             continue
-        if _printed(p, run) is not None:
-            continue
-        if not any("KeyboardInterrupt" in line.text for line in run.lines):
-            return (
-                f"In the session '{shorter.session}' it was stopped after {count} reports, and printed no "
-                f"'{p.label}: [...]'; {shorter.least} are enough."
-            )
+        if _printed(p, run) is None and not _quotes_interrupt(run):
+            stopped = f"In the session '{shorter.session}' it was stopped after {count} reports"
+            missing = f"printed no '{p.label}: [...]'"
+            return f"{stopped}, and {missing}; {shorter.least} are enough."
     return ""
+
+
+def _quotes_interrupt(run: Run) -> bool:
+    """Tell whether a process printed the name of the exception that Ctrl-C raises."""
+    for line in run.lines:
+        if "KeyboardInterrupt" in line.text:
+            return True
+    return False
 
 
 def _was_interrupted(run: Run) -> bool:
@@ -699,17 +772,22 @@ def _agreement(
     printed: PrintedVector,
 ) -> float:
     """Return the share of elements that lie within the oracle's bounds."""
-    right = p.answer(context, streams, other).get(p.key)
+    answer = p.answer(context, streams, other)
+    right = answer.get(p.key)
     if right is None:
         return 0.0
-    if len(printed.values) != len(right["value"]):
+    count = len(printed.values)
+    if count != len(right["value"]):
         return 0.0
+    rounding = 1.01 * printed.rounding
     elements = zip(printed.values, right["value"], right["low"], right["high"], strict=True)
     right_ones = 0
     for printed_value, value, low, high in elements:
-        slack = max(p.tolerance, 0.01 * abs(value), 1.01 * printed.rounding)
-        right_ones += bool(low - slack <= printed_value <= high + slack)
-    return right_ones / len(printed.values)
+        hundredth = 0.01 * abs(value)
+        slack = max(p.tolerance, hundredth, rounding)
+        if low - slack <= printed_value <= high + slack:
+            right_ones += 1
+    return right_ones / count
 
 
 def _heard_of_some(
@@ -720,32 +798,56 @@ def _heard_of_some(
     No report is returned if there is one for nearly every message.
     """
     begun_ns = max(int(stream.source_ns[0]) for stream in streams.values())
-    counts = [int((stream.source_ns >= begun_ns).sum()) for stream in streams.values()]
-    comparable = max(counts)
-    heard = context.reports(p.artifact, p.report_pattern) if p.report_pattern else []
-    heard = _without_repeats(context, p, heard)
+    comparable = 0
+    for stream in streams.values():
+        later = stream.source_ns >= begun_ns
+        comparable = max(comparable, int(later.sum()))
+    heard: list[Report] = []
+    if p.report_pattern:
+        heard = context.reports(p.artifact, p.report_pattern)
+        heard = _without_repeats(context, p, heard)
     if len(heard) >= 0.99 * comparable:
         return [], comparable
-    return [(report.t_ns, report.value) for report in heard], comparable
+    found = [(report.t_ns, report.value) for report in heard]
+    return found, comparable
 
 
 def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> _ReportCount:
     """Count the messages with a report, as far as the output was kept."""
     streams, kept = _received_while_kept(context, p)
-    possible = int(context.oracle(of.oracle)(streams, dict(p.parameters), context.seed))
+    possible = _counted(context, of.oracle, p, streams)
     lines = context.reports(p.artifact, p.pattern)
     heard = len(_without_repeats(context, p, lines))
-    repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
+    reports = _in_words(heard, len(lines) - heard)
     lost, doubt = _lost_to_machine(context, p)
     share = heard / max(1, possible) / of.full_from
+    best = share + lost / of.full_from
     count = _ReportCount(
         share,
-        share + lost / of.full_from,
-        f"{heard} reports{repeats} for {possible} messages{kept}",
+        best,
+        f"{reports} for {possible} messages{kept}",
         f"Only {heard} of {possible} messages led to a report.",
         doubt,
     )
-    mistake = _mistake_of_count(context, p, of, streams, heard)
+    return _explained_by_mistake(count, _mistake_of_count(context, p, of, streams, heard))
+
+
+def _counted(
+    context: Context, oracle: str, p: ReportedSeries, streams: Mapping[str, NumericStream]
+) -> int:
+    """Return the number of reports that an oracle counts for some streams."""
+    return int(context.oracle(oracle)(streams, dict(p.parameters), context.seed))
+
+
+def _in_words(heard: int, repeats: int) -> str:
+    """State a number of reports, and how many more repeat one."""
+    if repeats:
+        return f"{heard} reports, and {repeats} that repeat one"
+    return f"{heard} reports"
+
+
+def _explained_by_mistake(count: _ReportCount, mistake: FewerReports | None) -> _ReportCount:
+    """Return a count with the meaning and the credit of a known mistake, if there is one."""
     if mistake is None:
         return count
     return replace(count, reason=f"{count.reason} {mistake.meaning}", leaves=mistake.credit)
@@ -760,8 +862,7 @@ def _received_while_kept(
     if last_s is None:
         return streams, ""
     for role, stream in streams.items():
-        received = [context.since_start_s(t_ns) <= last_s for t_ns in stream.received_ns.tolist()]
-        streams[role] = stream.only(np.array(received))
+        streams[role] = _until(context, stream, last_s)
     return streams, ", as far as its output is kept: it printed more"
 
 
@@ -776,7 +877,7 @@ def _mistake_of_count(
     if heard < _LEAST_OF_MISTAKE:
         return None
     for fewer in of.fewer:
-        alike = context.oracle(fewer.oracle)(streams, dict(p.parameters), context.seed)
+        alike = _counted(context, fewer.oracle, p, streams)
         if math.isclose(heard, alike, rel_tol=_SAME_COUNT):
             return fewer
     return None
@@ -788,14 +889,21 @@ _SAME_COUNT = 0.07
 _LEAST_OF_MISTAKE = 50
 
 
+def _until(context: Context, stream: NumericStream, last_s: float) -> NumericStream:
+    """Return the messages of a stream that were received up to a time in s."""
+    received = []
+    for t_ns in stream.received_ns.tolist():
+        received.append(context.since_start_s(t_ns) <= last_s)
+    return stream.only(np.array(received))
+
+
 def _output_kept_until_s(context: Context, p: ReportedSeries) -> float | None:
     """Return the time of the last kept line of a node that printed more; None if all was kept."""
     run = _last_run(context, p.artifact)
-    if run is None:
+    if run is None or not run.output_dropped:
         return None
-    if not run.output_dropped:
-        return None
-    return max((line.t_s for line in run.lines), default=None)
+    times_s = [line.t_s for line in run.lines]
+    return max(times_s, default=None)
 
 
 #: Number of median intervals without a message after which a new value comes.
@@ -814,14 +922,15 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
     sent = _sent_ns(context, p)
     if len(sent) < 2:
         return list(heard)
-    steps = np.diff(sent)
-    interval_ns = float(np.median(steps))
-    starts = sent[np.concatenate(([True], steps > _SILENT_INTERVALS * interval_ns))]
-    runs = _runs_of_one_value([report for report in heard if report.t_ns >= _begun_ns(context, p)])
+    interval_ns = float(np.median(np.diff(sent)))
+    starts = _starts(sent, interval_ns)
+    begun_ns = _begun_ns(context, p)
+    runs = _runs_of_one_value([report for report in heard if report.t_ns >= begun_ns])
     surplus = sum(_surplus(run, sent, starts) for run in runs)
-    start_s, end_s = (context.since_start_s(int(t_ns)) for t_ns in (sent[0], sent[-1]))
-    stalled_s = context.stalled_s(start_s, end_s)
-    if surplus <= stalled_s * 1e9 / interval_ns:
+    start_s = context.since_start_s(int(sent[0]))
+    end_s = context.since_start_s(int(sent[-1]))
+    stalled_ns = context.stalled_s(start_s, end_s) * 1e9
+    if surplus <= stalled_ns / interval_ns:
         return list(heard)
     kept = []
     for run in runs:
@@ -832,10 +941,29 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
     return kept
 
 
+def _starts(sent: Integers, interval_ns: float) -> Integers:
+    """Return the first time, and each time after a silence, in ns.
+
+    Parameters
+    ----------
+    sent
+        int64[n]: Times of the messages, in ns.
+    interval_ns
+        Median interval between them.
+    """
+    steps = np.diff(sent)
+    is_silence = steps > _SILENT_INTERVALS * interval_ns
+    is_start = np.concatenate(([True], is_silence))
+    starts: Integers = sent[is_start]
+    return starts
+
+
 def _begun_ns(context: Context, p: Streams) -> int:
     """Return when the last of the streams began."""
-    streams = context.streams(p.streams, p.field).values()
-    return max((int(stream.source_ns[0]) for stream in streams), default=0)
+    begun_ns = 0
+    for stream in context.streams(p.streams, p.field).values():
+        begun_ns = max(begun_ns, int(stream.source_ns[0]))
+    return begun_ns
 
 
 def _sent_ns(context: Context, p: Streams) -> Integers:
@@ -852,11 +980,12 @@ def _sent_ns(context: Context, p: Streams) -> Integers:
 def _runs_of_one_value(heard: Iterable[Report]) -> list[list[Report]]:
     """Sort reports by time, and split them where the value changes."""
     runs: list[list[Report]] = []
+    run: list[Report] = []
     for report in sorted(heard, key=lambda report: report.t_ns):
-        if runs and _is_alike(report, runs[-1][-1]):
-            runs[-1].append(report)
-        else:
-            runs.append([report])
+        if not run or not _is_alike(report, run[-1]):
+            run = []
+            runs.append(run)
+        run.append(report)
     return runs
 
 
@@ -874,8 +1003,9 @@ def _surplus(run: Sequence[Report], sent: Integers, starts: Integers) -> int:
     starts
         int64[m]: Times of the first messages after each silence, in ns.
     """
-    start = int(np.searchsorted(starts, run[0].t_ns, side="right")) - 1
-    first = int(np.searchsorted(sent, starts[max(0, start)]))
+    begun = int(np.searchsorted(starts, run[0].t_ns, side="right"))
+    start_ns = starts[max(0, begun - 1)]
+    first = int(np.searchsorted(sent, start_ns))
     surplus = 0
     for count, report in enumerate(run, 1):
         came = int(np.searchsorted(sent, report.t_ns, side="right"))

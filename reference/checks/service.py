@@ -113,10 +113,11 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     """
     gate = _gate(context, p)
     refuses = _fits(gate.off, p.refused)
+    recovers = _fits(gate.on, p.recovered)
     if _cannot_be_enabled(context, p):
-        if _fits(gate.off, p.recovered) and _fits(gate.on, p.refused):
+        if _is_reversed(p, gate):
             return gate.graded(0.0, _REVERSED, "Invert the condition.")
-        if not refuses or not _fits(gate.on, p.recovered):
+        if not refuses or not recovers:
             reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
             return not_reached(reason, expected=gate.expected)
     if gate.off is None:
@@ -126,24 +127,34 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     return _judge_without_refusal(context, p, gate)
 
 
+def _is_reversed(p: CallGated, gate: _Gate) -> bool:
+    """Tell whether the node does the contrary in both cases."""
+    if not _fits(gate.off, p.recovered):
+        return False
+    return _fits(gate.on, p.refused)
+
+
 def _gate(context: Context, p: CallGated) -> _Gate:
     """Collect the answers of the three calls."""
-    steps = (p.refused_step, p.recovered_step, p.from_start_step)
-    off, on, off_from_start = (_answer_to(context, step) for step in steps)
-    wanted = f"{_shown(p.refused)} while the parameter is off"
-    return _Gate(
-        off=off,
-        on=on,
-        off_from_start=off_from_start,
-        where=tuple(_calls_at(context, step) for step in steps),
-        expected=f"{wanted}, and after such a refusal {_shown(p.recovered)} when it is on again",
-    )
+    answers = []
+    where = []
+    for step in (p.refused_step, p.recovered_step, p.from_start_step):
+        answers.append(_answer_to(context, step))
+        where.append(_calls_at(context, step))
+    refused = _shown(p.refused)
+    recovered = _shown(p.recovered)
+    expected = f"{refused} while the parameter is off"
+    expected += f", and after such a refusal {recovered} when it is on again"
+    off, on, off_from_start = answers
+    return _Gate(off, on, off_from_start, tuple(where), expected)
 
 
 def _answer_to(context: Context, step: str) -> Answer:
     """Return the response to the first call of a step; None without one."""
     calls = context.calls(step)
-    return calls[0].response if calls else None
+    if not calls:
+        return None
+    return calls[0].response
 
 
 def _calls_at(context: Context, label: str) -> Location:
@@ -151,7 +162,9 @@ def _calls_at(context: Context, label: str) -> Location:
     step = context.step(label)
     if step is None:
         return context.location()
-    service = step.result.get("service") or step.parameters.get("service")
+    service = step.result.get("service")
+    if not service:
+        service = step.parameters.get("service")
     return context.location(service, span_s=(step.started_s, step.ended_s))
 
 
@@ -159,18 +172,24 @@ def _shown(response: Answer) -> str:
     """Return the fields of an answer, such as `success=True, message='on'`."""
     if response is None:
         return "no answer"
-    return ", ".join(f"{name}={value!r}" for name, value in response.items())
+    fields = [f"{name}={value!r}" for name, value in response.items()]
+    return ", ".join(fields)
 
 
 def _fits(answer: Answer, wanted: Mapping[str, Any]) -> bool:
     if answer is None:
         return False
-    return all(answer.get(name) == value for name, value in wanted.items())
+    for name, value in wanted.items():
+        if answer.get(name) != value:
+            return False
+    return True
 
 
 def _cannot_be_enabled(context: Context, p: CallGated) -> bool:
     """Tell whether the check of the normal answer failed."""
-    finding = context.finding(p.enables) if p.enables is not None else None
+    if p.enables is None:
+        return False
+    finding = context.finding(p.enables)
     if finding is None:
         return False
     return finding.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
@@ -181,7 +200,9 @@ def _no_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
     if not context.silent_before(p.refused_step):
         problem = "No answer came while the parameter was false."
         return context.unanswered(p.refused_step, gate.expected, problem)
-    share = p.half_credit * _fits(gate.off_from_start, p.refused)
+    share = 0.0
+    if _fits(gate.off_from_start, p.refused):
+        share = p.half_credit
     reason = "Not tested, because the node had already stopped answering."
     return gate.graded(share, reason, "Fix that, and these points can be earned too.")
 
@@ -192,12 +213,14 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
     if disallowed is not None:
         reason = f"{_DISALLOWS} {_shown(disallowed)}."
         found = gate.graded(p.disallowed_credit, reason, _DISALLOWS_HINT)
-        return context.charge(found, _answer_cause(context, p.allowed_step))
+        cause = _answer_cause(context, p.allowed_step)
+        return context.charge(found, cause)
     mistyped = _mistyped(context, p)
     if mistyped and gate.off_from_start is None:
         reason = f"It refuses only by a value of its own type: {mistyped}"
         found = gate.graded(0.0, reason, _TYPE_HINT)
-        return context.charge(found, _parameter_cause(context.step(p.set_step)))
+        cause = _parameter_cause(context.step(p.set_step))
+        return context.charge(found, cause)
     if _fits(gate.on, p.recovered):
         return _judge_name(context, p, gate)
     reason = "It refuses, but does not recover when the parameter is true again."
@@ -222,8 +245,11 @@ def _held(context: Context, label: str | None) -> Mapping[str, Mapping[str, Any]
     step = context.step(label)
     if step is None:
         return {}
-    values: Mapping[str, Mapping[str, Any]] | None = step.result.get("values")
-    return {} if values is None else values
+    held: Mapping[str, Mapping[str, Any]] = {}
+    values = step.result.get("values")
+    if values is not None:
+        held = values
+    return held
 
 
 def _mistyped(context: Context, p: CallGated) -> str:
@@ -232,14 +258,14 @@ def _mistyped(context: Context, p: CallGated) -> str:
     if setting is None:
         return ""
     held = _held(context, p.read_step)
-    for name, value in setting.parameters.get("values", {}).items():
+    values = setting.parameters.get("values", {})
+    for name, value in values.items():
         own = held.get(name, {}).get("type", "not set")
         wanted = _TYPE_NAMES.get(type(value), own)
         if own not in (wanted, "not set"):
-            return (
-                f"{name} is declared as a {own}, so rclpy refuses the {wanted} {json.dumps(value)} while the "
-                "node runs, and the node ends if it starts with it."
-            )
+            given = json.dumps(value)
+            reason = f"{name} is declared as a {own}, so rclpy refuses the {wanted} {given} while the node runs"
+            return f"{reason}, and the node ends if it starts with it."
     return ""
 
 
@@ -251,8 +277,10 @@ def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:
         names = step.result.get("names") or {}
     for asked, used in names.items():
         reason = f"It refuses by the parameter {used}; with {asked} set to false, it still enables."
-        found = gate.graded(p.other_name_credit, reason, f"Declare the parameter as {asked}.")
-        return context.charge(found, _parameter_cause(step))
+        hint = f"Declare the parameter as {asked}."
+        found = gate.graded(p.other_name_credit, reason, hint)
+        cause = _parameter_cause(step)
+        return context.charge(found, cause)
     return gate.graded(1.0, "")
 
 
@@ -271,10 +299,13 @@ def _disallowed(context: Context, p: CallGated) -> Answer:
         return None
     if context.charged(p.allowed_charged_by):
         return None
-    if not _was_sent(context.step(p.allowed_step)):
+    step = context.step(p.allowed_step)
+    if not _was_sent(step):
         return None
     answer = _answer_to(context, p.allowed_step)
-    return None if _fits(answer, p.allowed) else answer
+    if _fits(answer, p.allowed):
+        return None
+    return answer
 
 
 def _was_sent(step: Step | None) -> bool:
@@ -285,24 +316,34 @@ def _was_sent(step: Step | None) -> bool:
     if step is None:
         return False
     wanted = step.parameters.get("request")
-    return bool(step.result.get("request", wanted) == wanted)
+    sent = step.result.get("request", wanted)
+    return bool(sent == wanted)
 
 
 def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
     """Judge a node that enables while the parameter is off."""
-    words = str(gate.off.get(p.message_field, "")) if gate.off is not None else ""
     recovers = _fits(gate.on, p.recovered)
-    if recovers and p.refusal is not None and search(p.refusal, words):
+    if recovers and _says_no(p, gate.off):
         hint = "Set the success field to False too, not only the message."
         return gate.graded(p.half_credit, _ONLY_MESSAGE, hint)
     step = context.step(p.set_step)
     unset = _not_set(step)
     if unset:
-        return context.charge(_judge_unset(p, gate, unset), _parameter_cause(step))
+        found = _judge_unset(p, gate, unset)
+        cause = _parameter_cause(step)
+        return context.charge(found, cause)
     if _fits(gate.off_from_start, p.refused):
         reason = f"{_AT_START} a change while it runs has no effect."
         return gate.graded(p.from_start_credit, reason)
     return gate.graded(0.0, "It enables although the parameter is false.")
+
+
+def _says_no(p: CallGated, answer: Answer) -> bool:
+    """Tell whether the message of an answer refuses."""
+    if answer is None or p.refusal is None:
+        return False
+    words = str(answer.get(p.message_field, ""))
+    return search(p.refusal, words) is not None
 
 
 def _judge_unset(p: CallGated, gate: _Gate, unset: str) -> Finding:
@@ -316,10 +357,14 @@ def _not_set(step: Step | None) -> str:
     """Say that the parameter could not be set while the node ran, and quote the node's answer."""
     if step is None or step.outcome == "done":
         return ""
-    refused = step.result.get("refused", {})
-    why = "; ".join(str(problem).rstrip(".") for problem in refused.values())
-    answer = f": {why}" if why else ""
-    return f"the parameter could not be set while it ran{answer}."
+    problems = []
+    for problem in step.result.get("refused", {}).values():
+        problems.append(str(problem).rstrip("."))
+    unset = "the parameter could not be set while it ran"
+    why = "; ".join(problems)
+    if why:
+        return f"{unset}: {why}."
+    return f"{unset}."
 
 
 #: Name of the ROS parameter type that holds a value of the rubric.
@@ -351,52 +396,97 @@ class CallsInTime(BaseModel):
 @check(commands=("{step}",))
 def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     """Judge the share of calls answered in time."""
-    step = context.step(p.step)
-    wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
+    wanted = _count_wanted(context, p)
     expected = f"{wanted} calls, each answered within {p.within_s:g} s"
-    calls = context.calls(p.step)
-    latencies_s = [call.latency_s for call in calls if call.response is not None]
-    if not latencies_s:
+    timed = _Timed.of(context.calls(p.step), p.within_s)
+    if not timed.latencies_s:
         return context.unanswered(p.step, expected)
-    quick = sum(latency_s <= p.within_s for latency_s in latencies_s)
-    measured = _shown_calls(quick, len(calls), latencies_s, p.within_s)
-    notes = []
-    if len(calls) < wanted:
-        few = f"There was time for {len(calls)} of {wanted} calls."
-        if quick == len(calls) < p.enough:
-            return unclear(expected, measured, f"{few} Those were answered in time.")
-        notes.append(few)
-    share = quick / len(calls)
+    if timed.count >= wanted:
+        return _judge_times(context, p, timed, expected)
+    few = f"There was time for {timed.count} of {wanted} calls."
+    if timed.quick == timed.count < p.enough:
+        return unclear(expected, timed.measured, f"{few} Those were answered in time.")
+    return _judge_times(context, p, timed, expected, (few,))
+
+
+def _count_wanted(context: Context, p: CallsInTime) -> int:
+    """Return the number of calls that the step was to make."""
+    step = context.step(p.step)
+    if step is None:
+        return 1
+    return int(step.parameters.get("repeat", 1))
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """Calls that were made, beside the allowed time; times in s."""
+
+    within_s: float
+    count: int
+    #: Times of the answered calls.
+    latencies_s: Sequence[float]
+    #: Number of calls that may have been in time without the machine delay.
+    undelayed: int
+    longest_delay_s: float
+
+    @classmethod
+    def of(cls, calls: Sequence[Call], within_s: float) -> _Timed:
+        """Collect the times of some calls."""
+        latencies_s = []
+        undelayed = 0
+        longest_delay_s = 0.0
+        for call in calls:
+            if call.response is not None:
+                latencies_s.append(call.latency_s)
+            if call.latency_s - call.delay_s <= within_s:
+                undelayed += 1
+            longest_delay_s = max(longest_delay_s, call.delay_s)
+        return cls(within_s, len(calls), latencies_s, undelayed, longest_delay_s)
+
+    @property
+    def quick(self) -> int:
+        """Number of calls answered in time."""
+        in_time = [each_s for each_s in self.latencies_s if each_s <= self.within_s]
+        return len(in_time)
+
+    @property
+    def measured(self) -> str:
+        """The number of calls in time, and the slowest answer."""
+        slowest_ms = max(self.latencies_s) * 1e3
+        shown = apart(slowest_ms, self.within_s * 1e3, places=1)
+        return f"{self.quick} of {self.count} calls made in time, slowest {shown} ms"
+
+    @property
+    def reason(self) -> str:
+        """The number of late calls, and the quickest answer if all were late."""
+        late = f"{self.count - self.quick} of {self.count} calls"
+        reason = f"{late} took longer than {self.within_s:g} s, or got no answer."
+        if not self.quick:
+            quickest = apart(min(self.latencies_s), self.within_s, places=2)
+            reason += f" The quickest took {quickest} s."
+        return reason
+
+
+def _judge_times(
+    context: Context,
+    p: CallsInTime,
+    timed: _Timed,
+    expected: str,
+    notes: Sequence[str] = (),
+) -> Finding:
+    """Judge the share of calls answered in time, of those that were made."""
+    share = timed.quick / timed.count
+    best = timed.undelayed / timed.count
+    where = _calls_at(context, p.step)
     busy = "Not your fault: the grading computer was too busy to time the calls"
+    doubt = f"{busy} (up to {timed.longest_delay_s:.2f} s)."
     return graded(
         share,
         expected,
-        measured,
-        _late_calls(quick, len(calls), latencies_s, p.within_s),
-        where=(_calls_at(context, p.step),),
+        timed.measured,
+        timed.reason,
+        where=(where,),
         notes=notes,
-        best=max(share, _undelayed_share(calls, p.within_s)),
-        doubt=f"{busy} (up to {max(call.delay_s for call in calls):.2f} s).",
+        best=max(share, best),
+        doubt=doubt,
     )
-
-
-def _shown_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
-    measured = f"{quick} of {count} calls made in time"
-    if latencies_s:
-        slowest_ms = apart(max(latencies_s) * 1e3, within_s * 1e3, places=1)
-        measured += f", slowest {slowest_ms} ms"
-    return measured
-
-
-def _late_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
-    """Say how many calls were late, and how long the quickest took if all were."""
-    reason = f"{count - quick} of {count} calls took longer than {within_s:g} s, or got no answer."
-    if latencies_s and not quick:
-        reason += f" The quickest took {apart(min(latencies_s), within_s, places=2)} s."
-    return reason
-
-
-def _undelayed_share(calls: Sequence[Call], within_s: float) -> float:
-    """Return the share of calls that may have been in time without the machine delay."""
-    quick = sum(call.latency_s - call.delay_s <= within_s for call in calls)
-    return quick / len(calls)
