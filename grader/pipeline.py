@@ -292,7 +292,9 @@ class Grading:
         native = self._native_launch()
         self._note_left_out(chosen)
         needs = self._needs(chosen)
-        interfaces, prefixes, staged = (_scratch(stack) for _ in range(3))
+        interfaces = _scratch(stack)
+        prefixes = _scratch(stack)
+        staged = _scratch(stack)
         lacking = self._build_interfaces(needs, interfaces, isolation, scheduler)
         self._build_packages(isolation, scheduler, prefixes)
         if self.options.scope is not Scope.UNDECIDED:

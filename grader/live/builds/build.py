@@ -322,6 +322,8 @@ def _archive(cached: Path) -> Path:
 
 def _plain_member(member: tarfile.TarInfo) -> tarfile.TarInfo | None:
     """Return a file or folder for an archive; a link that a build made is left out."""
-    if member.isreg() or member.isdir():
+    if member.isdir():
+        return member
+    if member.isreg():
         return member
     return None

@@ -67,7 +67,9 @@ class BuiltPackage:
         """Installed files by their paths; links that the build made are left out."""
         found = []
         for file in sorted(self._prefix.rglob("*")):
-            if file.is_symlink() or not file.is_file():
+            if file.is_symlink():
+                continue
+            if not file.is_file():
                 continue
             path = file.relative_to(self._prefix).as_posix()
             is_program = path.startswith(f"lib/{self.name}/")
@@ -85,7 +87,10 @@ class BuiltPackage:
             modules = file.parents[1].relative_to(self._prefix)
             for name, target in _console_scripts(file).items():
                 match = _TARGET.match(target)
-                if match is not None and (self._prefix / "lib" / self.name / name).is_file():
+                if match is None:
+                    continue
+                program = self._prefix / "lib" / self.name / name
+                if program.is_file():
                     module = match[1].replace(".", "/")
                     found[name] = f"{modules}/{module}.py"
         return found
@@ -100,15 +105,24 @@ class BuiltPackage:
 
     def _source_of(self, path: str) -> str | None:
         """Return the Python file with the same content, and a path that ends most like the installed one."""
-        digest = hashlib.sha256((self._prefix / path).read_bytes()).hexdigest()
-        same = self._sources.get(digest, ())
-        return max(same, key=lambda each: _common_parts(each, path), default=None)
+        content = (self._prefix / path).read_bytes()
+        digest = hashlib.sha256(content).hexdigest()
+        likest = None
+        most = -1
+        for source in self._sources.get(digest, ()):
+            number = _common_parts(source, path)
+            if number > most:
+                likest = source
+                most = number
+        return likest
 
 
 def _common_parts(first: str, second: str) -> int:
     """Return the number of equal parts at the ends of two paths."""
     number = 0
-    for one, other in zip(reversed(first.split("/")), reversed(second.split("/")), strict=False):
+    ends = reversed(first.split("/"))
+    other_ends = reversed(second.split("/"))
+    for one, other in zip(ends, other_ends, strict=False):
         if one != other:
             break
         number += 1

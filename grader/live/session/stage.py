@@ -132,8 +132,10 @@ class _Installation:
     def _program(self, artifact: str, path: str, executable: str | None) -> str:
         """Return the installed program that runs an artifact's file, or else a new wrapper."""
         programs = self._installed.get(path, {})
+        if executable in programs:
+            return programs[executable]
         if programs:
-            return programs.get(executable or "", min(programs.values()))
+            return min(programs.values())
         relative = f"install/lib/.artifacts/{artifact}"
         _write(self.folder / relative, self._wrapper_of_file(path, executable))
         return relative
@@ -184,15 +186,18 @@ class _Installation:
     def _built(self, package: PackageFact) -> BuiltPackage | None:
         """Return a package as colcon installed it; None if it was not built."""
         build = self.record.build_of(package)
-        if self.prefixes is None or build is None or build.outcome != "built":
+        if self.prefixes is None or build is None:
+            return None
+        if build.outcome != "built":
             return None
         prefix = self.prefixes / package.name
         if not prefix.is_dir():
             return None
         above = PurePosixPath(package.path)
-        sources = [
-            each for each in self.record.files if PurePosixPath(each.path).is_relative_to(above)
-        ]
+        sources = []
+        for file in self.record.files:
+            if PurePosixPath(file.path).is_relative_to(above):
+                sources.append(file)
         return BuiltPackage(package.name, prefix, sources)
 
     def _install_built(self, built: BuiltPackage) -> None:
@@ -201,7 +206,9 @@ class _Installation:
         for file in built.files:
             target = self.folder / "install" / file.path
             with suppress(OSError):  # a name that is a folder in another package
-                if target.exists() or not self._take_room(target, file.size_bytes):
+                if target.exists():
+                    continue
+                if not self._take_room(target, file.size_bytes):
                     continue
                 target.parent.mkdir(parents=True, exist_ok=True)
                 self._install_file(built, file, target)
@@ -227,7 +234,9 @@ class _Installation:
         """Install a wrapper for each declared executable that is missing."""
         for name, target in package.executables.items():
             program = self.folder / "install/lib" / package.name / name
-            if program.exists() or not re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name):
+            if program.exists():
+                continue
+            if not re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name):
                 continue
             text = self._wrapper_of_entry(package, target)
             if self._take_room(program, len(text)):
