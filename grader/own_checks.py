@@ -47,7 +47,6 @@ Within a version of `API_VERSION` nothing that is defined here is removed or cha
 
 from grader.checks.base import Part as Part
 from grader.checks.base import apart as apart
-from grader.checks.base import cpu_delay_doubt as cpu_delay_doubt
 from grader.checks.base import excused as excused
 from grader.checks.base import failed as failed
 from grader.checks.base import graded as graded
@@ -60,7 +59,6 @@ from grader.checks.base import ramp as ramp
 from grader.checks.base import unclear as unclear
 from grader.checks.base import undecided as undecided
 from grader.checks.base import unexplained as unexplained
-from grader.checks.base import without_delay as without_delay
 from grader.checks.endpoints import clash as clash
 from grader.checks.own import check as check
 from grader.checks.own_context import Call as Call
@@ -74,6 +72,8 @@ from grader.checks.own_context import Step as Step
 from grader.checks.own_context import Submission as Submission
 from grader.checks.service import answer_cause as answer_cause
 from grader.checks.service import parameter_cause as parameter_cause
+from grader.evidence.bounds import cpu_delay_doubt as cpu_delay_doubt
+from grader.evidence.bounds import without_delay as without_delay
 from grader.evidence.recorded import NumericStream as NumericStream
 from grader.evidence.text.printed import PrintedVector as PrintedVector
 from grader.evidence.text.printed import Report as Report

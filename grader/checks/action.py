@@ -17,15 +17,15 @@ from grader.checks.base import (
     Context,
     Part,
     apart,
-    cpu_delay_doubt,
     not_reached,
     of_parts,
     quantise,
     unexplained,
-    without_delay,
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
-from grader.checks.service import THEN_THESE, asking_delay_s, not_asked, shown
+from grader.checks.service import THEN_THESE, not_asked, shown
+from grader.evidence import bounds
+from grader.evidence.bounds import Delayed, Interval
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
@@ -175,10 +175,10 @@ class _Sent:
         lines = self.context.session.output_of(self.artifact)
         return any(text in line.text for line in lines)
 
-    def delay_s(self, start_ns: int, end_ns: int) -> float:
+    def delayed(self, start_ns: int, end_ns: int) -> Delayed:
         """Return the machine's longest delay of a process in a span, including the sender of goals."""
         held_up_ns = SendGoalResult.of(self.step).held_up_ns
-        return asking_delay_s(self.context, Span(start_ns, end_ns), held_up_ns)
+        return bounds.asking_delay(self.context.session, Span(start_ns, end_ns), held_up_ns)
 
 
 def action_server(context: Context, p: ActionServer) -> Finding:
@@ -451,23 +451,17 @@ def _product(parts: Sequence[Part]) -> Part:
 def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
     first_ns, last_ns = sent.record.feedback_span_ns
     length_s = max(0.0, (last_ns - first_ns) / 1e9)
-    rate_hz = 0.0
-    delay_s = 0.0
+    rate = Interval(0.0, 0.0)
     if length_s:
         rate_hz = (sent.record.feedback_count - 1) / length_s
-        delay_s = sent.delay_s(first_ns, last_ns)
-    undelayed_hz = without_delay(rate_hz, delay_s, length_s)
+        rate = bounds.count(rate_hz, sent.delayed(first_ns, last_ns))
     full_hz = wanted_hz * (1 - tolerance)
-    share = quantise(rate_hz / full_hz)
-    best = quantise(undelayed_hz / full_hz)
-    shown = f"{apart(rate_hz, full_hz, places=1)} Hz"
+    share = rate.credit(lambda rate_hz: quantise(rate_hz / full_hz))
+    shown = f"{apart(rate.low, full_hz, places=1)} Hz"
     reason = ""
-    if share < 1:
+    if share.low < 1:
         reason = f"The feedback comes at {shown}; {full_hz:g} Hz give full credit."
-    doubt = ""
-    if best > share:
-        doubt = cpu_delay_doubt(delay_s, length_s)
-    return Part(share, f"at {shown}", reason, best=best, doubt=doubt)
+    return Part.between(share, f"at {shown}", reason)
 
 
 def _reverses(sent: _Sent, field: str, sign: int) -> bool:
@@ -614,12 +608,10 @@ def _too_early(sent: _Sent, what: str, after_s: float | None) -> Part:
     if after_s is None or end_ns is None:
         return found
     late_s = (end_ns - sent.record.answer_ns) / 1e9 - after_s
-    delay_s = sent.delay_s(sent.record.answer_ns, end_ns)
-    is_machines = 0 < late_s <= delay_s
-    if not is_machines:
+    if late_s <= 0:
         return found
-    doubt = cpu_delay_doubt(delay_s, late_s + after_s)
-    return replace(found, best=1.0, doubt=doubt)
+    possible = bounds.arrival(late_s, sent.delayed(sent.record.answer_ns, end_ns))
+    return replace(found, best=possible.high, doubt=possible.why)
 
 
 @dataclass(frozen=True)
@@ -639,10 +631,9 @@ def _ends_early(sent: _Sent, wanted: CancelledWanted, asked: _Request) -> Part:
         reason = f"The {sent.words} did not end after {asked.since}."
         return Part(0.0, "goes on", reason, hint=asked.hint)
     took_s = (ended_ns - asked.sent_ns) / 1e9
-    delay_s = sent.delay_s(asked.sent_ns, ended_ns)
+    took = bounds.latency(took_s, sent.delayed(asked.sent_ns, ended_ns))
     fits = sent.record.status in asked.statuses
-    share = _end_credit(wanted, fits, took_s)
-    best = _end_credit(wanted, fits, took_s - delay_s)
+    share = took.credit(lambda took_s: _end_credit(wanted, fits, took_s))
     shown = f"{apart(took_s, wanted.within_s, places=2)} s after {asked.since}"
     reasons: list[str] = []
     hint = asked.hint
@@ -652,11 +643,8 @@ def _ends_early(sent: _Sent, wanted: CancelledWanted, asked: _Request) -> Part:
         reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
         if fits:
             hint = "Look for it more often, in each round of the execute callback's loop."
-    doubt = ""
-    if best > share:
-        doubt = cpu_delay_doubt(delay_s, took_s)
-    hint = hint if share < 1 else ""
-    return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint)
+    hint = hint if share.low < 1 else ""
+    return Part.between(share, f"{sent.status} {shown}", " ".join(reasons), hint)
 
 
 def _end_credit(wanted: CancelledWanted, fits: bool, took_s: float) -> float:

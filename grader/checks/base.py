@@ -9,13 +9,14 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from grader.evidence.bounds import Interval
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import explain
 from grader.evidence.crash.hang import hang_of
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
-from grader.evidence.source_causes import corrected
+from grader.evidence.source_causes import OVERWRITTEN, corrected
 from grader.lab.steps.get_parameters import GetParametersResult
 from grader.recording.session import ProcessRun
 from grader.recording.submission import SubmissionRecord
@@ -126,6 +127,15 @@ class Context:
         if found is None or found.file is None:
             return found
         return corrected(found, self.submission.texts)
+
+    def overwritten(self, artifact: str | None) -> Diagnosis | None:
+        """Return the crash of a program by an overwritten attribute of rclpy's Node; None without one."""
+        found = None
+        if artifact is not None:
+            found = self.diagnosis(artifact)
+        if found is None or found.kind != OVERWRITTEN:
+            return None
+        return found
 
     def diagnosis(self, artifact: str) -> Diagnosis | None:
         """Explain why one of an artifact's processes ended or misbehaved."""
@@ -267,6 +277,11 @@ class Part:
     causes: tuple[str, ...] = ()
     #: True if another check charges its mistake.
     is_excused: bool = False
+
+    @classmethod
+    def between(cls, share: Interval, text: str = "", reason: str = "", hint: str = "") -> Part:
+        """Return a part with the least and the most share of an interval."""
+        return cls(share.low, text, reason, best=share.high, doubt=share.why, hint=hint)
 
     @property
     def most(self) -> float:
@@ -476,26 +491,6 @@ def _side(value: float, limit: float) -> int:
 def percent(share: float) -> str:
     """Write a share as in a rubric, such as `12.5%`."""
     return f"{100 * share:g}%"
-
-
-#: Least share of delays in a span after which every event in the span may depend on them.
-MANY_DELAYS = 0.25
-
-
-#: Shortest delay, in s, that is given as a cause; two decimal places show it.
-_LEAST_DELAY_S = 0.005
-
-
-def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
-    """Say that the delay of the machine may be the cause of a fault; empty for a delay too short to be shown."""
-    if delay_s < _LEAST_DELAY_S:
-        return ""
-    return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."
-
-
-def without_delay(value: float, delay_s: float, length_s: float) -> float:
-    """Return the most that a count or a rate may have been without the delay of the machine."""
-    return value / (1 - min(0.5, delay_s / max(length_s, 1e-9)))
 
 
 def describe_diagnosis(found: Diagnosis) -> str:

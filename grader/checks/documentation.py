@@ -568,11 +568,11 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     given = _given(context).sentences
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives, given)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
-    measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
+    measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} different words of the student's own"
     if found.unclear and 2 * len(found.discussed) < p.full_concepts:
         return _unclear(expected, measured, found.unclear)
     if len(found.discussed) < p.least_concepts:
-        return _too_little(context, expected, measured, found)
+        return _too_little(context, expected, measured, found, p.artifacts)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     if found.related:
         share = 2 / 3 * covered + 1 / 3
@@ -613,15 +613,39 @@ def _unclear(expected: str, measured: str, passages: Sequence[Passage]) -> Findi
     return inconclusive(expected, measured, reason, where=where, retry=False)
 
 
-def _too_little(context: Context, expected: str, measured: str, found: Discussion) -> Finding:
+def _too_little(
+    context: Context, expected: str, measured: str, found: Discussion, artifacts: Sequence[str]
+) -> Finding:
     """State that too few concepts are discussed, or that a person must read the documents."""
     unread = _not_read(context)
     if unread:
         reason = f"The grader cannot read {', '.join(unread)}; a person has to."
         where = [Location(file=path) for path in unread]
         return inconclusive(expected, "not read", reason, where=where, retry=False)
-    reason = "The grader found no text about this, neither in a README nor in the program."
+    reason = f"The grader found no text about this. {_sought(context, artifacts)}"
     return failed(expected, measured, reason, where=_locations(found))
+
+
+def _sought(context: Context, artifacts: Sequence[str]) -> str:
+    """Name the documents and programs that were read for a text, and those that are missing."""
+    read = [str(path) for path in _documents(context) if not _is_for_programs(path)]
+    missing = []
+    if not read:
+        missing.append("README")
+    for artifact in artifacts:
+        fact = context.submission.artifact(artifact)
+        if fact is None:
+            continue
+        if fact.path is None:
+            missing.append(fact.expected)
+        else:
+            read.append(fact.path)
+    said = []
+    if read:
+        said.append(f"It read {', '.join(read[:_MOST_LISTED])}.")
+    if missing:
+        said.append(f"There is no {' and no '.join(missing)}.")
+    return " ".join(said)
 
 
 def _missing_discussion(found: Discussion, p: ConceptsExplained) -> list[str]:

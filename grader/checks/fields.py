@@ -23,6 +23,7 @@ from grader.checks.base import (
     ramp,
     unexplained,
 )
+from grader.evidence import bounds
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import is_number
 from grader.evidence.recorded import (
@@ -446,13 +447,9 @@ def _too_fast(context: Context, p: FieldRange, chosen: Sequence[int]) -> tuple[F
     is_too_fast = rates > p.change_per_s * (1 + _UNEVEN)
     fast[rows] = np.where(is_too_fast, rates, 0.0)
     before_ns = series.source_ns[:-1] - round(usual_s * 1e9)
-    delays_s = context.session.delays_s(before_ns, series.source_ns[1:])
-    late[rows] = delays_s > _DELAYED * usual_s
+    ends_ns = series.source_ns[1:]
+    late[rows] = bounds.made_late(context.session, before_ns, ends_ns, usual_s)
     return fast, late
-
-
-#: Share of the median interval from which a delay can make a change look fast.
-_DELAYED = 0.2
 
 
 class Between(Parameters):

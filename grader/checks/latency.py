@@ -13,7 +13,6 @@ from grader.checks.base import (
     CREDIT_LEVELS,
     Context,
     apart,
-    cpu_delay_doubt,
     failed,
     graded,
     not_reached,
@@ -24,6 +23,7 @@ from grader.checks.base import (
 )
 from grader.checks.fields import OfMessages, nothing_came
 from grader.checks.subscriber import lost_share
+from grader.evidence import bounds
 from grader.evidence.cpu_delay import Span, shares_around
 from grader.evidence.fields import is_number
 from grader.evidence.recorded import Booleans, Floats, Integers
@@ -207,27 +207,19 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _quantiles(context: Context, p: MessageLatency, there: _Answers) -> list[_Quantile]:
-    """Judge each limit by the answered messages.
-
-    A message that waits while the machine delays a process is answered as much later.
-    """
-    waiting_ns = there.asked_ns - round(_WAITED_S * 1e9)
-    delays_s = context.session.delays_s(waiting_ns, there.answered_ns)
-    took_s = there.took_s
-    least_s = np.maximum(took_s - delays_s, 0.0)
-    return [_within(limit, took_s, least_s) for limit in p.limits]
+    """Judge each limit by the answered messages."""
+    least_s, took_s = bounds.latencies(context.session, there.asked_ns, there.answered_ns)
+    quantiles = []
+    for limit in p.limits:
+        quantiles.append(_within(limit, took_s, least_s))
+    return quantiles
 
 
 def _doubt(context: Context, there: _Answers, quantiles: Sequence[_Quantile], lost: float) -> str:
     """Say that the machine keeps the latency from being decided, if it does."""
     if lost > 0 or any(each.is_unsure for each in quantiles):
-        whole = there.whole
-        return cpu_delay_doubt(context.session.longest_delay_s(whole), whole.duration_s)
+        return bounds.longest_delay(context.session, there.whole).why
     return ""
-
-
-#: Longest time from a delay to a message that still waits for it, in seconds.
-_WAITED_S = 0.05
 
 
 def _within(limit: LatencyLimit, took_s: Floats, least_s: Floats) -> _Quantile:

@@ -10,11 +10,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grader.checks.base import (
-    MANY_DELAYS,
     Context,
     Part,
     apart,
-    cpu_delay_doubt,
     credit_of,
     describe_diagnosis,
     excused,
@@ -26,12 +24,13 @@ from grader.checks.base import (
     of_parts,
     passed,
     quantise,
-    without_delay,
 )
 from grader.checks.fields import NumbersOf
 from grader.checks.package import build_cause
 from grader.checks.preconditions import environment_gap_of
 from grader.checks.service import parameter_cause
+from grader.evidence import bounds
+from grader.evidence.bounds import MANY_DELAYS, Delayed
 from grader.evidence.build_faults import build_fault, placement_fault, start_fault
 from grader.evidence.compiled import not_assessable, unbuilt_programs, why_not_built
 from grader.evidence.cpu_delay import Span
@@ -845,6 +844,17 @@ class _Given:
     value: Any
     #: True if the node declares it, but did not tell its value.
     is_unreadable: bool
+    #: True if the running node told its value.
+    is_read: bool
+
+    @property
+    def shown(self) -> str:
+        """The value and its origin in words."""
+        if self.value is None:
+            return "missing"
+        if self.is_read:
+            return f"= {self.value!r}"
+        return f"= {self.value!r} by the launch file (not read from the node)"
 
     @classmethod
     def of(cls, context: Context, wanted: WantedNodeParameter, entry: Process) -> _Given:
@@ -857,10 +867,10 @@ class _Given:
             result = GetParametersResult.of(step)
         running = result.read.get(wanted.name)
         if running is not None:
-            return cls(planned, running.value, False)
+            return cls(planned, running.value, is_unreadable=False, is_read=True)
         was_asked = step is not None and step.outcome == "done"
         is_unreadable = was_asked and result.declares(wanted.name)
-        return cls(planned, planned, is_unreadable)
+        return cls(planned, planned, is_unreadable, is_read=False)
 
 
 def _judge_parameter(
@@ -875,8 +885,7 @@ def _judge_parameter(
     short = _short(wanted.node)
     given = _Given.of(context, wanted, entry)
     value = given.value
-    shown_value = "missing" if value is None else f"= {value!r}"
-    text = f"{short}.{wanted.name} {shown_value}"
+    text = f"{short}.{wanted.name} {given.shown}"
     if given.planned is None:
         own = f"; {value!r} is the node's own default" if value is not None else ""
         return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")
@@ -944,9 +953,7 @@ class TogetherCommands(_Doer):
         description="Parameter that sets the rate; which value it is given is judged elsewhere.",
     )
 
-    def judged(
-        self, context: Context, span: Span | None, delay_s: float, *, late: bool
-    ) -> Part | None:
+    def judged(self, context: Context, span: Span | None, delayed: Delayed) -> Part | None:
         """Compare the rate with the rate of the publisher alone."""
         timing = timing_of(context.session.stream(self.topic), span)
         if timing is None:
@@ -956,16 +963,14 @@ class TogetherCommands(_Doer):
         alone_hz = self._alone_hz(context)
         if alone_hz is None or self._is_as_set(context, rate_hz):
             return Part(1.0, f"commands at {rate_hz:.1f} Hz")
-        most_hz = rate_hz
-        if span is not None:
-            most_hz = without_delay(rate_hz, delay_s, span.duration_s)
-        share = self._share(rate_hz, alone_hz)
-        limits = (rate_hz, alone_hz) if share < 1 else ()
+        rate = bounds.count(rate_hz, delayed)
+        share = rate.credit(lambda rate_hz: self._share(rate_hz, alone_hz))
+        limits = (rate_hz, alone_hz) if share.low < 1 else ()
         shown = apart(rate_hz, *limits, places=1)
         alone_shown = apart(alone_hz, *limits, places=1)
         reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
         text = f"commands at {shown} Hz ({alone_shown} Hz alone)"
-        return Part(share, text, reason, self._share(most_hz, alone_hz))
+        return Part.between(share, text, reason)
 
     def _share(self, rate_hz: float, alone_hz: float) -> float:
         return quantise(min(1.0, rate_hz / alone_hz / self.least_share), 2)
@@ -1020,9 +1025,7 @@ class TogetherFollows(_Doer):
         """Name the task in words."""
         return f"{self.subject} follows"
 
-    def judged(
-        self, context: Context, span: Span | None, delay_s: float, *, late: bool
-    ) -> Part | None:
+    def judged(self, context: Context, span: Span | None, delayed: Delayed) -> Part | None:
         """Compare the second half of the motion with the commands."""
         command = self.follows.series(context.session)
         state = context.session.numeric(self.topic, self.field)
@@ -1048,7 +1051,7 @@ class TogetherFollows(_Doer):
         if off < self.off_share * size + self.off:
             return Part(1.0, text)
         reason = f"{self.subject.capitalize()} does not follow the commands."
-        return Part(0.0, text, reason, float(late))
+        return Part.between(bounds.absence(MANY_DELAYS, delayed), text, reason)
 
     def _can_follow(self, context: Context, command: NumericStream, state: NumericStream) -> bool:
         """Tell whether the reference node takes commands of this type and length."""
@@ -1078,9 +1081,7 @@ class TogetherAnswers(_Doer):
 
     step: ref.CallLabel
 
-    def judged(
-        self, context: Context, span: Span | None, delay_s: float, *, late: bool
-    ) -> Part | None:
+    def judged(self, context: Context, span: Span | None, delayed: Delayed) -> Part | None:
         """Judge whether its first call was answered."""
         step = context.session.step(self.step)
         if step is None:
@@ -1131,15 +1132,13 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     if p.commands is not None:
         span = context.session.window(p.commands.window)
     whole = _whole(context, p, span)
-    delay_s = 0.0
+    delayed = Delayed(0.0, 0.0)
     if whole is not None:
-        delay_s = context.session.longest_delay_s(whole)
-    length_s = whole.duration_s if whole is not None else 0.0
-    late = delay_s > MANY_DELAYS * length_s
+        delayed = bounds.longest_delay(context.session, whole)
     roles = _roles(context, p)
     judged = []
     for role in roles:
-        part = role.doer.judged(context, span, delay_s, late=late)
+        part = role.doer.judged(context, span, delayed)
         if part is not None and role.is_up(context):
             judged.append(role.charged_once(context, roles, part))
     if all(part.is_excused for part in judged):
@@ -1150,7 +1149,7 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     elif p.follows is not None:
         topic = p.follows.topic
     where = (context.location(topic),)
-    return of_parts(expected, judged, where=where, doubt=cpu_delay_doubt(delay_s, length_s))
+    return of_parts(expected, judged, where=where)
 
 
 def _whole(context: Context, p: LaunchTogether, span: Span | None) -> Span | None:

@@ -10,7 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from grader.checks.answers import unanswered
-from grader.checks.base import Context, Part, cpu_delay_doubt, of_parts, unexplained, weighed
+from grader.checks.base import Context, Part, of_parts, unexplained, weighed
+from grader.evidence import bounds
 from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.references import LifecycleState, Parameters, Share
@@ -212,22 +213,28 @@ def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: Sequence[
         fewest = min(counted.few.values())
         states = " or ".join(of.states)
         reason = f"On {of.topic} {fewest} messages came while the node was {states}."
-        doubt = _late(context, p, counted.few)
-        return _doubted(Part(0.0, text, reason, hint=_SILENT_HINT), doubt)
+        part = Part(0.0, text, reason, hint=_SILENT_HINT)
+        return _doubted(context, p, part, counted.few)
     if counted.stray:
         others = ", ".join(dict.fromkeys(counted.stray.values()))
         reason = f"{of.topic} carries messages while the node is {others} too: {_EVERYWHERE}"
-        doubt = _late(context, p, counted.stray)
-        return _doubted(Part(p.everywhere_credit, text, reason, hint=_EVERYWHERE_HINT), doubt)
+        part = Part(p.everywhere_credit, text, reason, hint=_EVERYWHERE_HINT)
+        return _doubted(context, p, part, counted.stray)
     return Part(1.0, text)
 
 
-def _doubted(part: Part, doubt: str) -> Part:
-    """Return a part that may earn all if there is a doubt."""
-    if doubt:
-        return replace(part, best=1.0, doubt=doubt)
-    return part
+def _doubted(context: Context, p: Lifecycle, part: Part, spans: Collection[Span]) -> Part:
+    """Return a part that may earn all if the machine delayed the program for most of each span."""
+    run = context.session.process(p.process)
+    delays = []
+    for span in spans:
+        delays.append(bounds.delay_of(context.session, run, span))
+    possible = bounds.absence(_MOST, *delays)
+    return replace(part, best=max(part.share, possible.high), doubt=possible.why)
 
+
+#: Share of a span that is most of it.
+_MOST = 0.5
 
 _EVERYWHERE = "an ordinary publisher publishes in every state."
 _EVERYWHERE_HINT = (
@@ -237,17 +244,3 @@ _SILENT_HINT = (
     "A lifecycle publisher publishes once on_activate() has returned super().on_activate(state); until then, and "
     "without that, publish() does nothing."
 )
-
-
-def _late(context: Context, p: Lifecycle, spans: Collection[Span]) -> str:
-    """Say that the machine delayed the program for most of each span, if it did."""
-    run = context.session.process(p.process)
-    if run is None:
-        return ""
-    delays_s = []
-    for span in spans:
-        delay_s = context.session.machine_delay_s(run, span)
-        if delay_s <= span.duration_s / 2:
-            return ""
-        delays_s.append(delay_s)
-    return cpu_delay_doubt(sum(delays_s), sum(span.duration_s for span in spans))

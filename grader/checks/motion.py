@@ -11,11 +11,9 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from grader.checks.base import (
     CREDIT_LEVELS,
-    MANY_DELAYS,
     Context,
     Part,
     apart,
-    cpu_delay_doubt,
     failed,
     graded,
     not_reached,
@@ -23,6 +21,8 @@ from grader.checks.base import (
     ramp,
 )
 from grader.checks.fields import InWindow, NumbersOf, moment, nothing_came
+from grader.evidence import bounds
+from grader.evidence.bounds import MANY_DELAYS, Delayed, Interval
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Floats, Integers, NumericStream
 from grader.lab import references as ref
@@ -234,15 +234,15 @@ def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, of
     late_s = (approach.here.start_ns - span.start_ns) / 1e9
     after = apart(late_s, p.within_s, places=2)
     if approach.distance <= p.tolerance:
-        delay_s = context.session.longest_delay_s(Span(span.start_ns, approach.here.end_ns))
-        part = _came(p, late_s, delay_s, after)
+        until = Span(span.start_ns, approach.here.end_ns)
+        delayed = bounds.longest_delay(context.session, until)
+        delayed = replace(delayed, length_s=span.duration_s)
+        part = _came(p, bounds.latency(late_s, delayed), after)
     else:
-        delay_s = context.session.longest_delay_s(span)
-        part = _stayed_off(p, approach, delay_s > MANY_DELAYS * span.duration_s)
+        part = _stayed_off(p, approach, bounds.longest_delay(context.session, span))
     text = f"within {approach.shown} after {after} s"
-    doubt = cpu_delay_doubt(delay_s, span.duration_s)
     where = (context.location(p.topic, approach.here),)
-    return replace(part, text=text, doubt=doubt, where=where)
+    return replace(part, text=text, where=where)
 
 
 @dataclass(frozen=True)
@@ -273,23 +273,24 @@ def _approach(context: Context, p: Reaches, series: NumericStream, off: Floats) 
     return _Approach(at_s, here, distance, shown)
 
 
-def _came(p: Reaches, late_s: float, delay_s: float, after: str) -> Part:
+def _came(p: Reaches, took_s: Interval, after: str) -> Part:
     """Judge an arrival by its time."""
-    share = p.timely(late_s)
+    share = took_s.credit(p.timely)
     reason = ""
-    if share < 1:
+    if share.low < 1:
         reason = f"The target is reached after {after} s; {p.within_s:g} s are allowed."
-    return Part(share, reason=reason, best=p.timely(late_s - delay_s))
+    return Part.between(share, reason=reason)
 
 
-def _stayed_off(p: Reaches, approach: _Approach, is_delayed: bool) -> Part:
+def _stayed_off(p: Reaches, approach: _Approach, delayed: Delayed) -> Part:
     """Judge a motion that never arrived, by its distance."""
     none_beyond = p.none_beyond or p.tolerance
     share = p.near_credit * ramp(approach.distance, p.tolerance, none_beyond)
     stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
     nearest = f"the nearest{stays} is {approach.shown}, at {approach.at_s:.2f} s"
     reason = f"Not reached: {nearest}; {p.tolerance:g} is near enough."
-    return Part(share, reason=reason, best=1.0 if is_delayed else share)
+    possible = bounds.absence(MANY_DELAYS, delayed)
+    return Part(share, reason=reason, best=max(share, possible.high), doubt=possible.why)
 
 
 def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:

@@ -13,6 +13,7 @@ from grader.checks.base import Context, Part, failed, graded, not_reached
 from grader.checks.fields import LATE_NS, NumbersOf, OfMessages, moment, nothing_came
 from grader.checks.motion import DISTANCES, Distance
 from grader.checks.subscriber import Alternative, lost_share
+from grader.evidence import bounds
 from grader.evidence.recorded import Booleans, Floats, Integers, NumericStream
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
@@ -312,13 +313,9 @@ def _old(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
     if p.match in ("stamp", "order"):
         return 0
     times_ns = found.published.source_ns
-    delays_s = context.session.delays_s(times_ns - round(p.within_s * 1e9), times_ns)
-    late = delays_s > _DELAYED * p.within_s
+    computed_ns = times_ns - round(p.within_s * 1e9)
+    late = bounds.made_late(context.session, computed_ns, times_ns, p.within_s)
     return int((late & (found.excess > 0)).sum())
-
-
-#: Share of the allowed age of a value from which a delay can make the value too old.
-_DELAYED = 0.2
 
 
 def _compared(

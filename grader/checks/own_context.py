@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from grader.checks import base, endpoints, service, subscriber
 from grader.checks.base import Part
+from grader.evidence import bounds
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of
 from grader.evidence.flakiness import flaky_end
@@ -367,7 +368,7 @@ class Context(Submission):
             ended_s=self.since_start_s(span.end_ns),
             response=made.response,
             latency_s=span.duration_s,
-            delay_s=service.asking_delay_s(self._inner, span, made.held_up_ns),
+            delay_s=bounds.asking_delay(self._session, span, made.held_up_ns).delay_s,
         )
 
     def unanswered(self, step: str, expected: str, reason: str = "") -> Finding:

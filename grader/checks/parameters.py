@@ -15,16 +15,16 @@ from grader.checks.answers import unanswered
 from grader.checks.base import (
     Context,
     Part,
-    cpu_delay_doubt,
     failed,
     graded,
     of_parts,
     passed,
     unexplained,
-    without_delay,
 )
 from grader.checks.publisher import TopicRate, topic_rate
 from grader.checks.service import answer_of
+from grader.evidence import bounds
+from grader.evidence.bounds import Interval
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import equal_within, value_at
 from grader.evidence.recorded import Booleans
@@ -267,9 +267,8 @@ def _possible(
         span = context.session.window(label)
     if not p.is_rate or span is None or value is None:
         return [value]
-    most = without_delay(value, context.session.longest_delay_s(span), span.duration_s)
-    nearest = min(max(value, float(other)), most)
-    return [value, most, nearest]
+    seen = bounds.count(value, bounds.longest_delay(context.session, span))
+    return [value, seen.high, seen.nearest(float(other))]
 
 
 def _mistake(p: ParameterEffect, observed: _Observed) -> _Mistake:
@@ -326,15 +325,14 @@ def _location_after(context: Context, p: ParameterEffect) -> Location:
 def _nothing(context: Context, p: ParameterEffect, expected: str, measured: str) -> Finding:
     """State that nothing was seen after the change."""
     span = context.session.window(p.after)
-    run = context.session.process(p.process)
-    doubt = ""
-    if span is not None and run is not None:
-        delay_s = context.session.machine_delay_s(run, span)
-        if delay_s > _MUCH * span.duration_s:
-            doubt = cpu_delay_doubt(delay_s, span.duration_s)
     reason = f"After the parameter was set, nothing was seen of {p.what}."
-    best = 1.0 if doubt else None
-    return unexplained(graded(0.0, expected, measured, reason, best=best, doubt=doubt))
+    credit = Interval(0.0, 0.0)
+    if span is not None:
+        run = context.session.process(p.process)
+        credit = bounds.absence(_MUCH, bounds.delay_of(context.session, run, span))
+    return unexplained(
+        graded(credit.low, expected, measured, reason, best=credit.high, doubt=credit.why)
+    )
 
 
 #: Delayed share of a window from which a process may have shown nothing for that.

@@ -90,7 +90,11 @@ def explained(measurement: Measurement) -> Finding | None:
     reason, hint, places = explanation
     others = [location for location in finding.where if location not in places]
     where = (*places, *others)
-    return replace(finding, reason=reason, hint=hint or finding.hint, where=where)
+    reported = replace(finding, reason=reason, hint=hint or finding.hint, where=where)
+    overwritten = context.overwritten(artifact)
+    if overwritten is not None:
+        return context.charge(reported, overwritten.problem)
+    return reported
 
 
 def _explanation(context: Context, artifact: str, finding: Finding) -> Explanation | None:

@@ -11,13 +11,13 @@ from pydantic import Field, StringConstraints, model_validator
 from grader.checks.base import (
     CREDIT_LEVELS,
     Context,
-    cpu_delay_doubt,
     graded,
     not_reached,
     quantise,
     ramp,
 )
 from grader.checks.fields import InWindow, NumbersOf, moment, nothing_came
+from grader.evidence import bounds
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Floats, Integers, NumericStream
 from grader.evidence.temporal_logic import Property, Robustness, TooShortError
@@ -174,13 +174,10 @@ def _judged(
         reason = f"Not tested in this run: '{found.never[0]}' was never true."
         return graded(p.vacuous_credit, p.property, measured, reason, where=where, notes=(reason,))
     about = Span(here.start_ns - _ABOUT_NS, here.end_ns + _ABOUT_NS)
-    delay_s = context.session.longest_delay_s(about)
-    best = share
-    if delay_s > _MANY_DELAYS * about.duration_s:
-        best = 1.0
+    possible = bounds.absence(_MANY_DELAYS, bounds.longest_delay(context.session, about))
     reason = f"The property does not hold at {at_s:.2f} s: {shown}."
-    doubt = cpu_delay_doubt(delay_s, about.duration_s)
-    return graded(share, p.property, measured, reason, where=where, best=best, doubt=doubt)
+    best = max(share, possible.high)
+    return graded(share, p.property, measured, reason, where=where, best=best, doubt=possible.why)
 
 
 def _values_at(signals: Mapping[str, Floats], place: int) -> str:

@@ -11,11 +11,9 @@ from pydantic import Field
 
 from grader.checks.base import (
     CREDIT_LEVELS,
-    MANY_DELAYS,
     Context,
     Part,
     apart,
-    cpu_delay_doubt,
     failed,
     graded,
     of_parts,
@@ -23,7 +21,6 @@ from grader.checks.base import (
     quantise,
     ramp,
     unexplained,
-    without_delay,
 )
 from grader.checks.endpoints import (
     OfEndpoint,
@@ -33,8 +30,9 @@ from grader.checks.endpoints import (
     qos_as_wanted,
     student_endpoints,
 )
-from grader.evidence.cpu_delay import Calm, Delay, Span, calm_intervals, shares_around
-from grader.evidence.schedule import kept_schedule
+from grader.evidence import bounds
+from grader.evidence.bounds import Interval, Measured, Publication
+from grader.evidence.cpu_delay import Span
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
@@ -172,20 +170,6 @@ _NO_TIMER_HINT = (
 )
 
 
-@dataclass(frozen=True)
-class _Measurement:
-    """Timing of a topic within the window of a check."""
-
-    #: None if too few messages arrived.
-    timing: Timing | None
-    #: The window; None if the check has none, or if it never opened.
-    span: Span | None
-    #: Machine delay of the process within the window, in seconds.
-    delay_s: float = 0.0
-    #: Clause about the method of measurement; empty if by source timestamps.
-    method: str = ""
-
-
 class _Timed(Parameters):
     """Base of checks that measure times between the messages of a topic."""
 
@@ -195,70 +179,19 @@ class _Timed(Parameters):
         None, description="Label of the observe step; else the whole session."
     )
 
-    def measured(self, context: Context) -> _Measurement:
-        """Measure the timing of the topic.
+    def span(self, context: Context) -> Span | None:
+        """Return the window of the check; None if it has none, or if it never opened."""
+        return context.session.window(self.window) if self.window else None
 
-        Impossible source timestamps are replaced by times of arrival, and the recorder's delay is
-        then added to the machine delay.
-        """
-        session = context.session
-        span = session.window(self.window) if self.window else None
-        timing = timing_of(session.stream(self.topic), span)
-        if span is None:
-            return _Measurement(timing, None)
-        run = self.run(context)
-        delay_s = session.machine_delay_s(run, span) if run is not None else 0.0
-        recorder_delay_s = session.recorder_delay_s(span)
-        delays = _delays_on_the_way(context, run)
-        excused_s = 0.0 if delays else recorder_delay_s
-        if timing is None or not timing.contradicted_by_arrival(excused_s, delays):
-            return _Measurement(timing, span, delay_s)
-        method = " by times of arrival, as the time stamps are not the times of publication"
-        return _Measurement(timing.arrived, span, delay_s + recorder_delay_s, method)
+    def publication(self, context: Context, span: Span | None) -> Publication | None:
+        """Measure the timing of the topic, and the delays of its publisher; None with too few messages."""
+        return bounds.publication_of(context.session, self.topic, self.run(context), span)
 
     def run(self, context: Context) -> ProcessRun | None:
         """Return the process that publishes: by its name, or in another session by its call for the publisher."""
         run = context.session.process(self.process)
         claim = claim_of(context, "publisher", self.topic) if run is None else None
         return context.session.process(claim.process) if claim is not None else run
-
-    def calm(
-        self, context: Context, measurement: _Measurement, timing: Timing, harmless_s: float
-    ) -> Calm | None:
-        """Return the undisturbed intervals, if the machine delayed the process notably.
-
-        None too if too few intervals remain, or if the method of measurement cannot tell them apart.
-        """
-        run = self.run(context)
-        if run is None or run.disturbed is None:
-            return None
-        if measurement.method or timing.burst_error_hz is not None:
-            return None
-        notable = measurement.delay_s > _NOTABLE_DELAY * timing.written / timing.rate_hz
-        if not notable:
-            return None
-        delays = context.session.delays(run)
-        calm = calm_intervals(delays, timing.times_ns, timing.intervals_s, harmless_s)
-        return calm if calm.is_enough else None
-
-
-def _delays_on_the_way(context: Context, run: ProcessRun | None) -> list[tuple[Delay, ...]]:
-    """Return the delays of each watched process between a publication and its recording."""
-    processes = list(context.session.recorders)
-    if run is not None:
-        processes.insert(0, run)
-    return [context.session.delays(each) for each in processes if each.disturbed is not None]
-
-
-#: Delayed share of a span from which the delay is the reason of a doubt.
-_NOTABLE_DELAY = 0.005
-
-
-def _doubt(delay_s: float, length_s: float) -> str:
-    """Say that the machine keeps a share from being decided, if it does."""
-    if delay_s > _NOTABLE_DELAY * length_s:
-        return cpu_delay_doubt(delay_s, length_s)
-    return ""
 
 
 class TopicRate(_Timed):
@@ -271,72 +204,40 @@ class TopicRate(_Timed):
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
 
 
-@dataclass(frozen=True)
-class _Rate:
-    """Bounds of a publishing rate in Hz, as far as the recording and the machine delays tell."""
-
-    least_hz: float
-    most_hz: float
-    #: Error of the measurement; the bounds include it.
-    error_hz: float
-    #: Clause about the method of measurement; empty if by source timestamps.
-    method: str
-
-    def nearest(self, rate_hz: float) -> float:
-        """Return the rate within the bounds that is nearest to another one."""
-        return min(max(rate_hz, self.least_hz), self.most_hz)
-
-    def likely(self, rate_hz: float) -> float:
-        """Return a measured rate, moved between the bounds without their error."""
-        low_hz = self.least_hz + self.error_hz
-        high_hz = self.most_hz - self.error_hz
-        return min(max(rate_hz, low_hz), high_hz)
-
-    def shares(self, p: TopicRate) -> tuple[float, float]:
-        """Return the worst and the best share of credit that the rate can earn."""
-        least_off = abs(self.least_hz / p.rate_hz - 1)
-        most_off = abs(self.most_hz / p.rate_hz - 1)
-        furthest_off = max(least_off, most_off)
-        nearest_off = abs(self.nearest(p.rate_hz) / p.rate_hz - 1)
-        worst = ramp(furthest_off, p.full_within, p.zero_beyond)
-        best = ramp(nearest_off, p.full_within, p.zero_beyond)
-        return worst, best
+def _rate_shares(p: TopicRate, rate: Interval) -> Interval:
+    """Return the worst and the best share of credit that a rate can earn."""
+    return rate.off(p.rate_hz).credit(lambda off: ramp(off, p.full_within, p.zero_beyond))
 
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate by its bounds, from source timestamps and sequence numbers."""
-    measurement = p.measured(context)
-    timing = measurement.timing
-    if timing is None:
-        return _too_few_messages(context, p, measurement.span)
-    length_s = _length_s(timing, measurement.span)
-    measurement = replace(measurement, delay_s=min(measurement.delay_s, 0.5 * length_s))
-    rate = _rate_between(context, p, measurement, timing)
-    silence = _silence(context, p, measurement.span)
+    span = p.span(context)
+    published = p.publication(context, span)
+    if published is None:
+        return _too_few_messages(context, p, span)
+    published = published.at_most_half()
+    timing = published.timing
+    rate = bounds.rate(published, p.rate_hz)
+    silence = _silence(context, p, span)
     longest_pause_s = max(_SILENT_S, _SILENT_INTERVALS * timing.median_s)
-    if silence.length_s - measurement.delay_s > longest_pause_s:
-        return _stopped(context, p, measurement.span, timing, rate, silence)
+    if silence.length_s - published.delay_s > longest_pause_s:
+        return _stopped(context, p, span, timing, rate, silence)
     timers = _timers(context)
     rate_hz = rate.likely(timing.rate_hz)
-    worst, best = rate.shares(p)
-    change = _change(context, p, measurement, timing)
-    if change is not None and quantise(change.share(p)) <= quantise(worst) < 1:
+    shares = _rate_shares(p, rate)
+    change = _change(context, p, published)
+    if change is not None and quantise(change.share(p)) <= quantise(shares.low) < 1:
         return _changed(context, p, change)
     return graded(
-        worst,
+        shares.low,
         _expected_rate(p),
-        _shown_rate(p, rate, rate_hz, timing, length_s),
+        _shown_rate(p, rate, rate_hz, timing, published.length_s),
         f"Messages come at {_compared(rate_hz, p)}.{_by_timer(timers)}",
-        where=_rate_locations(context, p, measurement.span, timers),
-        best=best,
+        where=_rate_locations(context, p, span, timers),
+        best=shares.high,
         levels=CREDIT_LEVELS,
-        doubt=_doubt(measurement.delay_s, length_s),
+        doubt=shares.why,
     )
-
-
-def _length_s(timing: Timing, span: Span | None) -> float:
-    """Return the length of a window in seconds, or of the whole publication if there is none."""
-    return span.duration_s if span else timing.written / timing.rate_hz
 
 
 def _around_hz(p: TopicRate, deviation: float) -> tuple[float, float]:
@@ -351,12 +252,14 @@ def _expected_rate(p: TopicRate) -> str:
     return f"{full}; less the further off; none below {zero_low:g} or above {zero_high:g} Hz"
 
 
-def _shown_rate(p: TopicRate, rate: _Rate, rate_hz: float, timing: Timing, length_s: float) -> str:
+def _shown_rate(
+    p: TopicRate, rate: Measured, rate_hz: float, timing: Timing, length_s: float
+) -> str:
     shown_hz = apart(rate_hz, *_around_hz(p, p.full_within), places=2)
     counted = f"{timing.written} messages in {length_s:.1f} s"
     if len(timing.intervals_s):
         counted += f", the longest interval {timing.intervals_s.max():.2f} s"
-    return f"{shown_hz} Hz ± {max(rate.error_hz, 0.01):.2f} Hz ({counted}){rate.method}"
+    return f"{shown_hz} Hz ± {max(rate.error, 0.01):.2f} Hz ({counted}){rate.method}"
 
 
 def _rate_locations(
@@ -396,7 +299,7 @@ def _stopped(
     p: TopicRate,
     span: Span | None,
     timing: Timing,
-    rate: _Rate,
+    rate: Interval,
     silence: _Silence,
 ) -> Finding:
     """State that messages stop before the end of the window."""
@@ -406,7 +309,7 @@ def _stopped(
     )
     reason = f"Messages stop after {sent_s:.1f} s of the {silence.window_s:.1f} s. The program ran on without publishing."
     hint = "Publish for as long as the node runs; its output shows what ended or stopped it."
-    _, best = rate.shares(p)
+    best = _rate_shares(p, rate).high
     silent_share = silence.length_s / silence.window_s
     share = quantise(min(best, ramp(silent_share, p.full_within, p.zero_beyond)))
     where = (context.location(p.topic, span),)
@@ -440,15 +343,14 @@ class _Change:
 _LASTING_S = 1.0
 
 
-def _change(
-    context: Context, p: TopicRate, measurement: _Measurement, timing: Timing
-) -> _Change | None:
+def _change(context: Context, p: TopicRate, published: Publication) -> _Change | None:
     """Divide a window where the count of messages departs most from an even one.
 
     None without two lasting parts of different usual intervals.
     """
-    span = measurement.span
-    is_even = not measurement.method and timing.burst_error_hz is None
+    timing = published.timing
+    span = published.span
+    is_even = not published.method and timing.burst_error_hz is None
     if span is None or not is_even or not len(timing.times_ns):
         return None
     turn_ns = _turn_ns(timing)
@@ -464,17 +366,8 @@ def _change(
     differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > p.full_within
     if not differs:
         return None
-    most_hz = _most_hz(context, p, after, second)
+    most_hz = bounds.undelayed_rate(published.part(second, after), p.rate_hz).high
     return _Change(before, after, second, first.duration_s, most_hz)
-
-
-def _most_hz(context: Context, p: TopicRate, timing: Timing, span: Span) -> float:
-    """Return the highest rate that a part of a window may have had on an idle machine, in Hz."""
-    run = p.run(context)
-    delay_s = context.session.machine_delay_s(run, span) if run is not None else 0.0
-    late_s = _delay_before_s(context, run, span)
-    _, most_hz = _bounds_hz(timing, span.duration_s, delay_s, late_s, p.rate_hz)
-    return most_hz
 
 
 def _turn_ns(timing: Timing) -> int:
@@ -512,49 +405,6 @@ def _compared(rate_hz: float, p: TopicRate) -> str:
     return f"{apart(rate_hz, p.rate_hz, places=1)} Hz, {than} {p.rate_hz:g} Hz"
 
 
-def _rate_between(
-    context: Context, p: TopicRate, measurement: _Measurement, timing: Timing
-) -> _Rate:
-    """Return the bounds of the rate, narrowed by undisturbed intervals if there are enough."""
-    length_s = _length_s(timing, measurement.span)
-    run = p.run(context)
-    before_s = _delay_before_s(context, run, measurement.span)
-    bounds_hz = _bounds_hz(timing, length_s, measurement.delay_s, before_s, p.rate_hz)
-    ends_error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
-    error_hz = timing.burst_error_hz or ends_error_hz
-    bounds_hz = (bounds_hz[0] - error_hz, bounds_hz[1] + error_hz)
-    harmless_s = _HARMLESS * timing.median_s
-    calm = p.calm(context, measurement, timing, harmless_s)
-    if calm is None or run is None:
-        return _Rate(*bounds_hz, error_hz, measurement.method)
-    # The undisturbed intervals alone.
-    least_hz, most_hz = _within(calm.rate_hz(), bounds_hz)
-    delays = [delay for delay in context.session.delays(run) if delay.delay_ns > harmless_s * 1e9]
-    schedule = kept_schedule(calm, delays, timing)
-    if schedule is not None:
-        least_hz, most_hz = _within(schedule.bounds_hz(), (least_hz, most_hz))
-    return _Rate(least_hz, most_hz, (most_hz - least_hz) / 2, calm.said)
-
-
-def _delay_before_s(context: Context, run: ProcessRun | None, span: Span | None) -> float:
-    """Return the machine delay of a process between its start and a window, in seconds."""
-    if run is None or span is None:
-        return 0.0
-    before = Span(min(run.started_ns, span.start_ns), span.start_ns)
-    return context.session.machine_delay_s(run, before)
-
-
-#: Share of an interval up to which a delay does not change the number of intervals.
-_HARMLESS = 0.2
-
-
-def _within(bounds: tuple[float, float], others: tuple[float, float]) -> tuple[float, float]:
-    """Return bounds, cut to others that hold for every delay of the machine."""
-    least = min(max(bounds[0], others[0]), others[1])
-    most = min(max(bounds[1], others[0]), others[1])
-    return least, most
-
-
 def _by_timer(timers: Sequence[Claim]) -> str:
     """State the period of the node's only timer, if its source gives a number."""
     if len(timers) != 1 or not _NUMBER.fullmatch(timers[0].name):
@@ -590,32 +440,13 @@ def _silence(context: Context, p: TopicRate, span: Span | None) -> _Silence:
     return _Silence(max(0.0, window_s - lasted_s), window_s)
 
 
-def _bounds_hz(
-    timing: Timing, length_s: float, delay_s: float, before_s: float, wanted_hz: float
-) -> tuple[float, float]:
-    """Return the lowest and the highest rate that the node may have had on an idle machine.
-
-    Neither bound goes beyond the wanted rate. The node lost at most the time that it waited for a
-    core, and may have sent messages late that were due before the window. A few delays do not
-    change the median interval; many can lengthen half of the intervals.
-    """
-    usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
-    least_hz = max(timing.rate_hz * length_s / (length_s + before_s), usual_hz, wanted_hz)
-    longer_s = 0.0
-    if delay_s > MANY_DELAYS * length_s:
-        longer_s = 2 * delay_s / max(len(timing.intervals_s), 1)
-    undelayed_hz = float("inf")
-    if timing.median_s > longer_s:
-        undelayed_hz = 1 / (timing.median_s - longer_s)
-    unheld_hz = without_delay(timing.rate_hz, delay_s, length_s)
-    most_hz = min(unheld_hz, undelayed_hz, wanted_hz)
-    return min(timing.rate_hz, least_hz), max(timing.rate_hz, most_hz)
-
-
 def _timers(context: Context) -> list[Claim]:
     """Return the timers that the student's nodes made, by the tap."""
-    claims = context.session.record.claims
-    return [claim for claim in claims if claim.kind == "timer" and claimed_at(claim)]
+    timers = []
+    for claim in context.session.record.claims:
+        if claim.kind == "timer" and claimed_at(claim):
+            timers.append(claim)
+    return timers
 
 
 #: Credit levels of evenness: a quantile has an error, so credit comes in halves.
@@ -630,41 +461,31 @@ class TopicJitter(_Timed):
     share: Share = Field(0.95, description="The quantile.")
 
 
-@dataclass(frozen=True)
-class _Jitter:
-    """Bounds of a quantile of the intervals' distances from their median, in seconds."""
-
-    least_s: float
-    largest_s: float
-    #: Clause about the method of measurement; empty if by source timestamps.
-    method: str
-
-
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
-    measurement = p.measured(context)
-    span = measurement.span
-    timing = measurement.timing
+    span = p.span(context)
+    published = p.publication(context, span)
     expected = _expected_jitter(p)
     where = (context.location(p.topic, span),)
-    if timing is None or not len(timing.intervals_s):
+    if published is None or not len(published.timing.intervals_s):
         reason = "Too few messages arrived to measure the gaps between them."
         return unexplained(failed(expected, "too few messages", reason, where=where))
-    jitter = _jitter_between(context, p, measurement, timing)
-    deviation_s = min(max(timing.deviation_s(p.share), jitter.least_s), jitter.largest_s)
+    timing = published.timing
+    jitter = bounds.gaps(published, p.share, p.full_within_s / 2)
+    deviation_s = jitter.nearest(timing.deviation_s(p.share))
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     off_ms = apart(deviation_s * 1e3, *limits_ms, places=1)
     off = f"{off_ms} ms off the usual {timing.median_s * 1e3:.1f} ms"
-    length_s = span.duration_s if span else float(timing.intervals_s.sum())
+    shares = jitter.credit(lambda off_s: ramp(off_s, p.full_within_s, p.zero_beyond_s))
     return graded(
-        ramp(jitter.largest_s, p.full_within_s, p.zero_beyond_s),
+        shares.low,
         expected,
         _shown_jitter(p, timing, apart(deviation_s * 1e3, *limits_ms, places=2)) + jitter.method,
         f"One gap in {round(1 / (1 - p.share))} is more than {off}.",
         where=where,
-        best=ramp(jitter.least_s, p.full_within_s, p.zero_beyond_s),
+        best=shares.high,
         levels=_JITTER_LEVELS,
-        doubt=_doubt(measurement.delay_s, length_s),
+        doubt=shares.why,
     )
 
 
@@ -678,20 +499,6 @@ def _shown_jitter(p: TopicJitter, timing: Timing, shown_ms: str) -> str:
     longest_ms = timing.intervals_s.max() * 1e3
     median_ms = timing.median_s * 1e3
     return f"{percent(p.share)} within {shown_ms} ms of {median_ms:.2f} ms (longest {longest_ms:.1f} ms)"
-
-
-def _jitter_between(
-    context: Context, p: TopicJitter, measurement: _Measurement, timing: Timing
-) -> _Jitter:
-    """Return the bounds of the quantile, narrowed by undisturbed intervals if there are enough."""
-    least, largest = shares_around(p.share, len(timing.intervals_s))
-    least_s = timing.deviation_s(least, measurement.delay_s)
-    largest_s = timing.deviation_s(largest)
-    calm = p.calm(context, measurement, timing, p.full_within_s / 2)
-    if calm is None:
-        return _Jitter(least_s, largest_s, measurement.method)
-    least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
-    return _Jitter(least_s, largest_s, calm.said)
 
 
 class OfferedQos(QosWanted):

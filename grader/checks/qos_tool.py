@@ -14,13 +14,14 @@ from grader.checks.base import (
     Context,
     Part,
     apart,
-    cpu_delay_doubt,
     failed,
     not_reached,
     of_parts,
     percent,
 )
 from grader.checks.endpoints import claim_of, clash, student_endpoints
+from grader.evidence import bounds
+from grader.evidence.bounds import Delayed
 from grader.evidence.cpu_delay import Span, clipped
 from grader.evidence.recorded import Floats, clock_step_s
 from grader.evidence.source_causes import idle_callback, late_lambda
@@ -51,25 +52,6 @@ def _unheard(context: Context, topic: str) -> str:
     if policy is None:
         return ""
     return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
-
-
-@dataclass(frozen=True, order=True)
-class _Delay:
-    """Machine delay of a process, and the time that it ran, both in seconds."""
-
-    delay_s: float
-    length_s: float
-
-    @property
-    def doubt(self) -> str:
-        """Say that the delay may be the reason of a loss."""
-        return cpu_delay_doubt(self.delay_s, self.length_s)
-
-
-def _delay_of(context: Context, run: ProcessRun) -> _Delay:
-    """Return the machine delay of a process over its whole life."""
-    span = _life(context, run)
-    return _Delay(context.session.machine_delay_s(run, span), span.duration_s)
 
 
 def _life(context: Context, run: ProcessRun) -> Span:
@@ -139,16 +121,17 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     if constants:
         return _all_constants(expected, constants)
     run = context.session.process(p.artifact)
+    delay = Delayed(0.0, 1.0)
     if run is not None:
-        delay = _delay_of(context, run)
-    else:
-        delay = _Delay(0.0, 1.0)
-    parts = [_judge_reported(context, p, row, claims[row.name], delay) for row in rows]
+        delay = bounds.delay_of(context.session, run, _life(context, run))
+    parts = []
+    for row in rows:
+        parts.append(_judge_reported(context, p, row, claims[row.name], delay))
     measured = "no results"
     if any(part.text for part in parts):
         measured = ""
     where = (context.output_of(p.artifact),)
-    finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.doubt)
+    finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.why)
     finding = _explained_by_lambda(context, p, finding, printed)
     return replace(finding, unmeasured=_unmeasured(context, p, rows, claims, finding))
 
@@ -204,7 +187,7 @@ class _Lateness:
 
 
 def _judge_reported(
-    context: Context, p: ReportedTraffic, row: Row, claim: ResultRow | None, delay: _Delay
+    context: Context, p: ReportedTraffic, row: Row, claim: ResultRow | None, delay: Delayed
 ) -> Part:
     """Judge the printed numbers of one row."""
     if claim is None:

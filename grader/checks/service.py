@@ -124,7 +124,7 @@ class CallAnswered(Parameters):
     again_charged_by: ref.EarlierCheckId | None = Field(
         None,
         description="Where this check took points, neither a later answer nor a contrary message takes any. "
-        "Two checks of one service that lose points for either charge the dearer one without it.",
+        "Without it, two checks of one service charge the dearer later answer, and each contrary message.",
     )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(
@@ -308,17 +308,40 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         return failed(expected, "the same request", reason, where=where)
     measured = f"{shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
     answered = _Answered(response, expected, measured, where)
-    if step is None:
-        service = ""
-    else:
-        service = CallStep.given(step).service
     finding = _wrong_fields(answered, p)
     if finding is not None:
-        return context.charge(finding, answer_cause(service, request))
-    finding = _contrary_or_changed(context, answered, p)
+        return context.charge(finding, _answer_cause(step))
+    finding = _judge_state(context, answered, p)
     if finding is not None:
-        return context.charge(finding, f"state told by {service}", [p.again_charged_by])
+        return finding
     return _judge_message(answered, p)
+
+
+def _judge_state(context: Context, answered: _Answered, p: CallAnswered) -> Finding | None:
+    """Charge the states that the answers to one request report; None if all are right."""
+    later = _later_answers(context, p)
+    finding = _contrary(answered, p, later)
+    if finding is not None:
+        # Each report of the opposite misleads by itself.
+        return context.charge(finding, None, [p.again_charged_by])
+    finding = _changed(answered, p, later)
+    if finding is not None:
+        cause = f"later answers of {_service_of(_step_that_counts(context, p))}"
+        return context.charge(finding, cause, [p.again_charged_by])
+    return None
+
+
+def _service_of(step: StepRun | None) -> str:
+    if step is None:
+        return ""
+    return CallStep.given(step).service
+
+
+def _answer_cause(step: StepRun | None) -> str:
+    request: Mapping[str, Any] = {}
+    if step is not None:
+        request = CallStep.given(step).request
+    return answer_cause(_service_of(step), request)
 
 
 def answer_cause(service: str, request: Mapping[str, Any]) -> str:
@@ -353,14 +376,24 @@ def _wrong_fields(answered: _Answered, p: CallAnswered) -> Finding | None:
     return failed(answered.expected, answered.measured, reason, where=answered.where)
 
 
-def _contrary_or_changed(context: Context, answered: _Answered, p: CallAnswered) -> Finding | None:
-    """State that an answer means the opposite of the request, or that a later answer is another one."""
-    later = _later_answers(context, p)
+def _contrary(
+    answered: _Answered, p: CallAnswered, later: Sequence[Mapping[str, Any]]
+) -> Finding | None:
+    """State that an answer means the opposite of the request; None if all are right."""
     for answer in (answered.response, *later):
         if _contradicts(p, answer):
             reason = f"It answers this request with {shown(answer)}, which means the opposite."
-            hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
+            hint = (
+                "Set the state to request.data first, and compose the message from the new state."
+            )
             return _less_for_answer(0.0, answered, reason, hint)
+    return None
+
+
+def _changed(
+    answered: _Answered, p: CallAnswered, later: Sequence[Mapping[str, Any]]
+) -> Finding | None:
+    """State that a later answer to the request is another one; None if all are equal."""
     for answer in later:
         if not _fits(answer, p.response):
             reason = f"To the same request it answers {shown(answer)} later."
@@ -476,11 +509,28 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     node = GetParametersStep.given(step).node
     parts = []
     for wanted in p.parameters:
-        part = _judge_parameter(wanted, values.get(wanted.name), p)
+        got = values.get(wanted.name)
+        overwritten = _overwritten(context)
+        if got is None and overwritten is not None:
+            parts.append(overwritten)
+            continue
+        part = _judge_parameter(wanted, got, p)
         parts.append(context.charge_part(part, parameter_cause(node, wanted.name)))
     read = [f"{name} = {got.value!r}" for name, got in values.items()]
     measured = ", ".join(read) or "none of them"
     return of_parts(expected, parts, measured=measured)
+
+
+def _overwritten(context: Context) -> Part | None:
+    """Charge an overwritten attribute of the node; None without one."""
+    students = context.session.students
+    if not students:
+        return None
+    found = context.overwritten(students[0].artifact)
+    if found is None:
+        return None
+    part = Part(0.0, reason=found.problem, hint=found.remedy)
+    return context.charge_part(part, found.problem)
 
 
 def _not_read(context: Context, step: StepRun | None, expected: str) -> Finding:
@@ -505,12 +555,3 @@ def _judge_parameter(
     is_so = f"{got.value!r} ({got.type})"
     reason = f"{wanted.name} is {is_so}, not {wanted.value!r} ({wanted.type})."
     return Part(p.other_value_credit, reason=reason)
-
-
-def asking_delay_s(context: Context, span: Span, held_up_ns: int) -> float:
-    """Return the longest machine delay of a process within a span, in seconds.
-
-    The delays of the recorder and of the asking process, by its own record, are added.
-    """
-    own_s = context.session.recorder_delay_s(span) + held_up_ns / 1e9
-    return context.session.longest_delay_s(span) + own_s

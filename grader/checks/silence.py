@@ -8,7 +8,6 @@ from pydantic import Field
 
 from grader.checks.base import (
     Context,
-    cpu_delay_doubt,
     failed,
     graded,
     not_reached,
@@ -16,6 +15,7 @@ from grader.checks.base import (
     unexplained,
 )
 from grader.checks.fields import Between, NumbersOf, moment
+from grader.evidence import bounds
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Integers
 from grader.lab import references as ref
@@ -124,12 +124,13 @@ def _never_began(
     context: Context, expected: str, reason: str, span: Span, first_ns: int | None
 ) -> Finding:
     """State that no message came in the time after the event, unless the machine may have delayed it."""
-    delay_s = context.session.longest_delay_s(span)
     # A message that was not seen may come after the end of the session.
     came_ns = context.session.record.ended_ns
     if first_ns is not None:
         came_ns = min(came_ns, first_ns)
-    best = float((came_ns - span.end_ns) / 1e9 <= delay_s)
-    doubt = cpu_delay_doubt(delay_s, span.duration_s)
-    finding = graded(0.0, expected, "nothing afterwards", reason, best=best, doubt=doubt)
+    late_s = (came_ns - span.end_ns) / 1e9
+    credit = bounds.arrival(late_s, bounds.longest_delay(context.session, span))
+    finding = graded(
+        credit.low, expected, "nothing afterwards", reason, best=credit.high, doubt=credit.why
+    )
     return unexplained(finding)

@@ -32,7 +32,7 @@ from grader.checks.endpoints import (
     student_endpoints,
     unheard,
 )
-from grader.evidence.cpu_delay import Span
+from grader.evidence import bounds
 from grader.evidence.recorded import Integers
 from grader.evidence.text.printed import Report, reports
 from grader.lab import references as ref
@@ -184,12 +184,8 @@ def lost_share(
     times_ns
         int64[n]: Source timestamps of the messages.
     """
-    span = Span(int(times_ns.min()), int(times_ns.max()))
-    length_s = max(span.duration_s, 1e-9)
-    room = min(_queue_depth(context, topic) for topic in topics) - 1
-    room_s = max(0, room) * length_s / len(times_ns)
-    shares = [context.session.backlog(run, span, room_s).lost_s / length_s for run in runs]
-    return max(shares, default=0.0)
+    depth = min(_queue_depth(context, topic) for topic in topics)
+    return bounds.lost_share(context.session, runs, depth, times_ns)
 
 
 def _queue_depth(context: Context, topic: str) -> int:

@@ -14,18 +14,18 @@ from grader.checks.base import (
     Context,
     Part,
     apart,
-    cpu_delay_doubt,
     failed,
     of_parts,
     quantise,
     ramp,
     unexplained,
     weighed,
-    without_delay,
 )
 from grader.checks.endpoints import OfNode, claim_of, claimed_at, student_endpoints
 from grader.checks.fields import NumbersOf
 from grader.checks.subscriber import Alternative
+from grader.evidence import bounds
+from grader.evidence.bounds import Delayed
 from grader.evidence.cpu_delay import Span
 from grader.evidence.near_miss import is_misspelt
 from grader.evidence.recorded import Booleans, Floats, Integers, Recorded
@@ -324,12 +324,10 @@ class _Seen:
 
         return simulated
 
-    def delay_s(self, start_ns: int, end_ns: int) -> float:
-        """Return the machine delay of the process within a span, in seconds."""
+    def delayed(self, start_ns: int, end_ns: int) -> Delayed:
+        """Return the machine delay of the process within a span."""
         run = self.session.process(self.p.process)
-        if run is None:
-            return 0.0
-        return self.session.machine_delay_s(run, Span(start_ns, end_ns))
+        return bounds.delay_of(self.session, run, Span(start_ns, end_ns))
 
     def missing(self, wanted: WantedFrame) -> Part:
         """State that no transform of a frame arrived, and where it may have been lost."""
@@ -535,8 +533,8 @@ def _aged_by_delay(seen: _Seen, edge: Broadcast, ages_s: Floats, old: Booleans) 
     for place in np.flatnonzero(old)[:_MOST_DOUBTED]:
         sent_ns = int(edge.source_ns[place])
         age_s = float(ages_s[place])
-        delay_s = seen.delay_s(sent_ns - round(age_s * 1e9), sent_ns)
-        aged += delay_s >= age_s - seen.p.oldest_s
+        delayed = seen.delayed(sent_ns - round(age_s * 1e9), sent_ns)
+        aged += int(bounds.arrival(age_s - seen.p.oldest_s, delayed).high)
     return aged
 
 
@@ -554,19 +552,18 @@ def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
     if len(times_ns) < 3 or span.duration_s <= 0:
         reason = f"{wanted.child} was sent {len(times_ns)} times only, too few for a rate."
         return Part(0.0, reason=reason)
-    low_hz = _measured_hz(times_ns, span)
-    delay_s = seen.delay_s(span.start_ns, span.end_ns)
-    high_hz = max(low_hz, min(rate_hz, without_delay(low_hz, delay_s, span.duration_s)))
+    sent_hz = _measured_hz(times_ns, span)
+    rate = bounds.count(sent_hz, seen.delayed(span.start_ns, span.end_ns))
+    rate = replace(rate, high=rate.nearest(rate_hz))
     deviation_ns = float(np.std(np.diff(times_ns)))
-    error_hz = 2 * deviation_ns / 1e9 * low_hz / span.duration_s
-    share, best = _rate_shares(seen.p, rate_hz, low_hz - error_hz, high_hz + error_hz)
-    part = Part(share, f"{wanted.child} at {low_hz:.1f} Hz", best=best)
-    if share < 1:
-        reason = f"{wanted.child} is sent at {low_hz:.1f} Hz, not {rate_hz:g} Hz."
-        part = replace(part, reason=reason)
-    if best > share and delay_s:
-        part = replace(part, doubt=cpu_delay_doubt(delay_s, span.duration_s))
-    return part
+    error_hz = 2 * deviation_ns / 1e9 * sent_hz / span.duration_s
+    p = seen.p
+    off = rate.widened(error_hz).off(rate_hz)
+    share = off.credit(lambda off: quantise(ramp(off, p.rate_within, p.rate_beyond)))
+    reason = ""
+    if share.low < 1:
+        reason = f"{wanted.child} is sent at {sent_hz:.1f} Hz, not {rate_hz:g} Hz."
+    return Part.between(share, f"{wanted.child} at {sent_hz:.1f} Hz", reason)
 
 
 def _measured_hz(times_ns: Integers, span: Span) -> float:
@@ -577,20 +574,6 @@ def _measured_hz(times_ns: Integers, span: Span) -> float:
     least_hz = (count - 1) / span.duration_s
     most_hz = (count + 1) / span.duration_s
     return float(min(max(between_hz, least_hz), most_hz))
-
-
-def _rate_shares(
-    p: TransformTree, wanted_hz: float, least_hz: float, most_hz: float
-) -> tuple[float, float]:
-    """Return the worst and the best share of credit of a rate between two bounds."""
-    nearest_hz = min(max(wanted_hz, least_hz), most_hz)
-    nearest = abs(nearest_hz / wanted_hz - 1)
-    least_off = abs(least_hz / wanted_hz - 1)
-    most_off = abs(most_hz / wanted_hz - 1)
-    furthest = max(least_off, most_off)
-    worst = quantise(ramp(furthest, p.rate_within, p.rate_beyond))
-    best = quantise(ramp(nearest, p.rate_within, p.rate_beyond))
-    return worst, best
 
 
 # -- poses of frames -------------------------------------------------------------------------------
@@ -689,7 +672,7 @@ def _undisturbed(seen: _Seen, times_ns: Integers, fits: Booleans) -> float:
 def _is_calm(seen: _Seen, t_ns: int) -> bool:
     if seen.p.simulated:
         return True
-    return seen.delay_s(t_ns - _NEAR_NS, t_ns + _NEAR_NS) < _HARMLESS_S
+    return seen.delayed(t_ns - _NEAR_NS, t_ns + _NEAR_NS).delay_s < _HARMLESS_S
 
 
 #: Time about a pose that is searched for delays, in ns; longest harmless delay, in seconds; and number of undisturbed

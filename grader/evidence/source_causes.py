@@ -15,6 +15,8 @@ from grader.evidence.text.syntax import code_of, normalise, tree_of
 
 #: Kind of the cause of a program that speaks in another ROS domain.
 OTHER_DOMAIN = "other-domain"
+#: Kind of the cause of a crash by an attribute of rclpy's Node that a program overwrites.
+OVERWRITTEN = "overwritten-attribute"
 #: The domain of programs without a choice.
 _USUAL = "0"
 
@@ -86,9 +88,9 @@ def _by_overwritten(found: Diagnosis, text: str) -> Diagnosis:
     line = _overwrites(text, "_parameters")
     if line is None:
         return found
-    problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters, so that none is declared."
+    problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters: declared ones are lost."
     remedy = "Give the attribute another name, for instance self._my_parameters."
-    return replace(found, kind="overwritten-attribute", problem=problem, remedy=remedy, line=line)
+    return Diagnosis(OVERWRITTEN, problem, remedy, found.file, line, subject=found.subject)
 
 
 def _by_callback(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:

@@ -34,8 +34,9 @@ def advisories_of(
     """Return each remark once: from the programs' output, the files, the packages, and the checks' notes."""
     recordings = list(sessions)
     found = [*_of_programs(recordings), *_of_files(submission)]
+    asked: list[Asked] = []
     for recorded in recordings:
-        found += map(_of_variable, asked_in(recorded, submission))
+        asked += asked_in(recorded, submission)
         found += _of_prefixes(recorded)
     reasons = []
     for criterion in criteria:
@@ -43,6 +44,9 @@ def advisories_of(
             found += check.notes
             reasons.append(check.reason)
     said = "\n".join(reasons)
+    for each in asked:
+        if not _is_charged(each, said):
+            found.append(_of_variable(each))
     for remark, fault in _of_builds(submission):
         if fault not in said:
             found.append(remark)
@@ -98,6 +102,13 @@ def _of_variable(asked: Asked) -> str:
     if asked.is_other_domain:
         return text
     return f"{text} That costs no points."
+
+
+def _is_charged(asked: Asked, said: str) -> bool:
+    """Tell whether the reason of a check names a ROS domain at its place."""
+    if not asked.is_other_domain:
+        return False
+    return asked.place in said
 
 
 def _of_prefixes(recorded: Recorded) -> Iterator[str]:

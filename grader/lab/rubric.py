@@ -69,6 +69,8 @@ _OWN_PATTERN = r"\.py:\w+$"
 #: The check that a person makes.
 BY_PERSON = "person"
 #: Parameters of this check beside `by: person`.
+#: Ending of a file with the fingerprints of a text of the handout.
+FINGERPRINTS_ENDING = ".sha256"
 _GRADED = ("levels", "read")
 _REMEDY = "`grade checks` lists every check with its parameters."
 
@@ -132,7 +134,8 @@ class LabSpec(Parameters):
     handout: str | None = Field(
         None,
         description="Folder, or file, of the code and the text that students are given. `grade similarity` does not count "
-        "this code, and the checks of written texts do not count this text.",
+        "this code, and the checks of written texts do not count this text. A `.sha256` file stands for a text that may not "
+        "be passed on: `python -m grader.evidence.text.given TEXT` prints its fingerprints.",
     )
 
 

@@ -57,6 +57,7 @@ def render(
         said=views.said_of(result),
         recorded=recorded_at,
         lost=losses,
+        same_fix=views.same_fixes(result),
         beside=placed.beside,
         players=players,
         figures=placed.others,

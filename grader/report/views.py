@@ -150,6 +150,19 @@ def _same_mistakes(criterion: CriterionResult) -> list[list[CheckResult]]:
     return list(by_mistake.values())
 
 
+def same_fixes(result: Result) -> dict[str, CheckResult]:
+    """Return the check with the same hint before each check of a criterion that repeats a hint, by the latter's id."""
+    found: dict[str, CheckResult] = {}
+    for criterion in result.criteria:
+        first: dict[str, CheckResult] = {}
+        for check in criterion.checks:
+            if check.hint in first:
+                found[check.id] = first[check.hint]
+            elif check.hint:
+                first[check.hint] = check
+    return found
+
+
 def _blocked_by(blocking: CheckResult, result: Result) -> list[CheckResult]:
     """Return the checks that lost points because another check failed."""
     found = []

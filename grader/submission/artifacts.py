@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
 from grader.lab.file_patterns import anywhere, matches
-from grader.lab.rubric import ArtifactSpec, Rubric
+from grader.lab.rubric import FINGERPRINTS_ENDING, ArtifactSpec, Rubric
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
@@ -206,7 +206,7 @@ def _given_texts(rubric: Rubric) -> dict[str, str]:
         paths = sorted(handout.rglob("*"))
     texts = {}
     for path in paths:
-        if path.suffix.lower() in TEXT_SUFFIXES and path.is_file():
+        if path.suffix.lower() in {*TEXT_SUFFIXES, FINGERPRINTS_ENDING} and path.is_file():
             name = path.relative_to(rubric.folder).as_posix()
             texts[name] = decode_text(path.read_bytes()[:MAX_TEXT_BYTES])
     return texts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -14,6 +15,7 @@ from grader.own_checks import (
     Context,
     EarlierCheckId,
     Finding,
+    GetLabel,
     Location,
     Outcome,
     Pattern,
@@ -39,6 +41,10 @@ class CallGated(BaseModel):
     """A parameter decides over the answer, and may be changed while the node runs."""
 
     set_step: SetLabel = Field(description="The step that sets the parameter.")
+    read_step: GetLabel | None = Field(
+        None,
+        description="The step that read the parameter; with it, a parameter of another type forbids nothing.",
+    )
     refused_step: CallLabel
     recovered_step: CallLabel
     from_start_step: CallLabel = Field(
@@ -109,7 +115,7 @@ def call_gated(context: Context, p: CallGated) -> Finding:
     refuses = _fits(gate.off, p.refused)
     if _cannot_be_enabled(context, p):
         if _fits(gate.off, p.recovered) and _fits(gate.on, p.refused):
-            return gate.graded(p.half_credit, _REVERSED, "Invert the condition.")
+            return gate.graded(0.0, _REVERSED, "Invert the condition.")
         if not refuses or not _fits(gate.on, p.recovered):
             reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
             return not_reached(reason, expected=gate.expected)
@@ -187,6 +193,11 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
         reason = f"{_DISALLOWS} {_shown(disallowed)}."
         found = gate.graded(p.disallowed_credit, reason, _DISALLOWS_HINT)
         return context.charge(found, _answer_cause(context, p.allowed_step))
+    mistyped = _mistyped(context, p)
+    if mistyped and gate.off_from_start is None:
+        reason = f"It refuses only by a value of its own type: {mistyped}"
+        found = gate.graded(0.0, reason, _TYPE_HINT)
+        return context.charge(found, _parameter_cause(context.step(p.set_step)))
     if _fits(gate.on, p.recovered):
         return _judge_name(context, p, gate)
     reason = "It refuses, but does not recover when the parameter is true again."
@@ -202,6 +213,34 @@ def _answer_cause(context: Context, label: str | None) -> str | None:
         return None
     request = step.parameters.get("request", {})
     return answer_cause(step.parameters["service"], request)
+
+
+def _held(context: Context, label: str | None) -> Mapping[str, Mapping[str, Any]]:
+    """Return type and value of each parameter as a step read it; nothing without the step."""
+    if label is None:
+        return {}
+    step = context.step(label)
+    if step is None:
+        return {}
+    values: Mapping[str, Mapping[str, Any]] | None = step.result.get("values")
+    return {} if values is None else values
+
+
+def _mistyped(context: Context, p: CallGated) -> str:
+    """Say that the parameter holds a value of another type; empty if it is of the type that is set."""
+    setting = context.step(p.set_step)
+    if setting is None:
+        return ""
+    held = _held(context, p.read_step)
+    for name, value in setting.parameters.get("values", {}).items():
+        own = held.get(name, {}).get("type", "not set")
+        wanted = _TYPE_NAMES.get(type(value), own)
+        if own not in (wanted, "not set"):
+            return (
+                f"{name} is declared as a {own}, so rclpy refuses the {wanted} {json.dumps(value)} while the "
+                "node runs, and the node ends if it starts with it."
+            )
+    return ""
 
 
 def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:
@@ -283,6 +322,8 @@ def _not_set(step: Step | None) -> str:
     return f"the parameter could not be set while it ran{answer}."
 
 
+#: Name of the ROS parameter type that holds a value of the rubric.
+_TYPE_NAMES: Mapping[type, str] = {bool: "bool", int: "integer", float: "double", str: "string"}
 _AT_START = "It refuses only when the parameter is false from the start;"
 _ONLY_MESSAGE = (
     "Its message refuses, but the other fields report success, and client programs read those."
@@ -293,6 +334,7 @@ _DISALLOWS_HINT = (
 )
 _REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
 _SET_HINT = "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
+_TYPE_HINT = "Declare the parameter with a default of the type that the lab gives it, and use this type in the callback."
 
 
 class CallsInTime(BaseModel):

@@ -412,6 +412,15 @@ def test_given_text_is_no_readme() -> None:
     assert static("readme", README, record).credit == 0
 
 
+def test_the_places_without_a_text_are_named() -> None:
+    """A text elsewhere is not looked for, so that nobody is told that it does not exist."""
+    record = submission({"README.md": "Run it."}, it=None)
+    finding = static("concepts_explained", {**CONCEPTS, "artifacts": ["it"]}, record)
+    assert "It read README.md. There is no it.py." in finding.reason
+    finding = static("concepts_explained", {**CONCEPTS, "artifacts": ["it"]}, submission())
+    assert "It read it.py. There is no README." in finding.reason
+
+
 def test_given_text_discusses_nothing() -> None:
     """Only sentences of the student's own discuss a concept."""
     given = "QoS matters: reliable delivery has a delay because lost messages of the queue come again.\n"

@@ -167,6 +167,13 @@ def test_the_same_request_is_to_be_answered_alike(
     assert words in finding.reason
 
 
+def test_a_contrary_message_misleads_at_each_request(tmp_path: Path) -> None:
+    """A message of the previous state has no single charge: after each request, the operator reads the opposite."""
+    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
+    finding = judged("call_answered", AGAIN, session)
+    assert (finding.outcome, finding.causes) == (Outcome.FAILED, ())
+
+
 @pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.EXCUSED), ("1", Outcome.FAILED)])
 def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
     """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
@@ -207,7 +214,7 @@ def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
     )
     assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
     alone = judged("call_answered", AGAIN, session)
-    assert (alone.outcome, alone.causes) == (Outcome.PARTIAL, (f"state told by {NAME}",))
+    assert (alone.outcome, alone.causes) == (Outcome.PARTIAL, (f"later answers of {NAME}",))
 
 
 def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
@@ -290,6 +297,27 @@ def test_each_parameter_is_a_part(
     finding = judged("parameters_declared", DECLARED, session)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+def test_an_overwritten_attribute_is_one_mistake_of_call_and_parameters(tmp_path: Path) -> None:
+    """The source declares the parameters, so that no hint asks for it; the crash and the loss share their cause."""
+    lines = [
+        "Traceback (most recent call last):",
+        '  File "/ws/src/it.py", line 9, in enable',
+        "rclpy.exceptions.ParameterNotDeclaredException: ('Invalid access to undeclared parameter(s)', [], ['safe'])",
+    ]
+    source = "class A(Node):\n    def __init__(self):\n        self._parameters = {}\n"
+    session = Session(tmp_path).process("it", lines, interrupted_ns=None)
+    session.step("get_parameters", "defaults", values={})
+    called(session, "enable", call(None, 3.0))
+    record = submission({"it.py": source})
+    silent = judged("call_answered", ANSWERED, session, record)
+    undeclared = judged("parameters_declared", DECLARED, session, record)
+    assert silent.causes == undeclared.causes
+    assert len(silent.causes) == 1
+    for finding in (silent, undeclared):
+        assert "self._parameters replaces the attribute" in finding.reason
+        assert "another name" in finding.hint
 
 
 def test_parameters_of_a_silent_node_are_not_charged_again(tmp_path: Path) -> None:

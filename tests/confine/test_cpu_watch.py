@@ -167,7 +167,10 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
 
 def all_stopped(pid: int) -> bool:
     """Say whether every thread of a process stopped: each one stops only when it next leaves the kernel."""
-    return all("T (stopped)" in Path(f"/proc/{pid}/task/{thread}/status").read_text() for thread in threads_of(pid))
+    return all(
+        "T (stopped)" in Path(f"/proc/{pid}/task/{thread}/status").read_text()
+        for thread in threads_of(pid)
+    )
 
 
 def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:

@@ -233,7 +233,7 @@ def test_a_bad_link_stands_beside_the_students_own_words() -> None:
         page_of(result_of([explained]), [Figure(table="link", content=table, title="Link")])
     )
     assert "68.8 % half in 11 ms 95 % in 11.9 ms late joiners: 3 of 4" in text
-    assert "You printed, without losses: fast: 1001 msgs" in text
+    assert "Your program printed, on this computer: fast: 1001 msgs" in text
     assert "What you wrote, README.md, line 3: “It is fresh.”" in text
 
 
@@ -255,6 +255,18 @@ def test_every_link_has_a_target() -> None:
     for href in page.values("href"):
         assert href.startswith("#")
         assert href[1:] in ids
+
+
+def test_a_remedy_for_several_checks_is_said_once() -> None:
+    """The later checks of a criterion refer to the first one with the same hint."""
+    checks = [
+        check("a.one", Outcome.FAILED, "0", hint="Write a setup.cfg."),
+        check("a.two", Outcome.PARTIAL, "4.50", hint="Write a setup.cfg."),
+        check("a.open", Outcome.INCONCLUSIVE, "0", hint="Write a setup.cfg."),
+    ]
+    words = text_of(page_of(result_of(checks)))
+    assert words.count("Write a setup.cfg.") == 1
+    assert "The remedy is the same as for “ Title of a.one ”." in words
 
 
 def test_lost_points_show_their_proof() -> None:

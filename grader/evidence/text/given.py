@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from grader.evidence.text.markup import Block, Section, read_markdown
 from grader.evidence.text.source import read_sources
-from grader.evidence.text.words import normal_form, sentences
+from grader.evidence.text.words import fingerprint, normal_form, sentences
+from grader.lab.rubric import FINGERPRINTS_ENDING
 from grader.result import EVIDENCE_LINE
 
 #: Words from which a sentence is known again; anybody may write a shorter one.
@@ -22,9 +25,9 @@ class GivenText:
     Attributes
     ----------
     sentences
-        Sentences of five words or more, as `words.normal_form` gives them.
+        Fingerprints of the sentences of five words or more.
     blocks
-        Paragraphs, items, rows and code, in the same form.
+        Fingerprints of the paragraphs, items, rows and code.
     """
 
     sentences: frozenset[str] = frozenset()
@@ -32,11 +35,14 @@ class GivenText:
 
     @classmethod
     def of(cls, texts: dict[str, str]) -> GivenText:
-        """Return the sentences of texts by their paths: documents, and docstrings and comments of Python files."""
+        """Return the sentences of texts by their paths: documents, docstrings and comments of Python files, fingerprints."""
         sources = {}
         blocks: list[Block] = []
+        known: list[str] = []
         for path, text in texts.items():
-            if path.endswith(_SOURCE_ENDING):
+            if path.endswith(FINGERPRINTS_ENDING):
+                known += text.split()
+            elif path.endswith(_SOURCE_ENDING):
                 sources[path] = text
             else:
                 blocks += _blocks(read_markdown(text))
@@ -44,8 +50,12 @@ class GivenText:
         for facts in read_sources(sources):
             for note in facts.notes:
                 said += _known_sentences(note.text)
-        forms = frozenset(normal_form(block.text) for block in blocks)
-        return cls(frozenset(said), forms)
+        forms = [fingerprint(block.text) for block in blocks]
+        return cls(frozenset(said + known), frozenset(forms + known))
+
+    def fingerprints(self) -> str:
+        """Return all fingerprints, one a line, as a file that stands for the texts."""
+        return "".join(f"{each}\n" for each in sorted(self.sentences | self.blocks))
 
     def without(self, document: Sequence[Section]) -> tuple[Section, ...]:
         """Return a document without its given paragraphs, items and rows.
@@ -65,7 +75,7 @@ class GivenText:
         return tuple(own)
 
     def _holds(self, block: Block, is_copy: bool) -> bool:
-        if is_copy and normal_form(block.text) in self.blocks:
+        if is_copy and fingerprint(block.text) in self.blocks:
             return True
         if block.kind == "code":
             return False
@@ -97,5 +107,18 @@ def _said(blocks: Iterable[Block]) -> list[str]:
 
 
 def _known_sentences(text: str) -> list[str]:
-    forms: Iterable[str] = map(normal_form, sentences(text))
-    return [form for form in forms if form.count(" ") >= _LEAST_WORDS - 1]
+    found = []
+    for sentence in sentences(text):
+        if normal_form(sentence).count(" ") >= _LEAST_WORDS - 1:
+            found.append(fingerprint(sentence))
+    return found
+
+
+def main(paths: Sequence[str]) -> None:
+    """Print the fingerprints of texts."""
+    texts = {path: Path(path).read_text(encoding="utf-8") for path in paths}
+    print(GivenText.of(texts).fingerprints(), end="")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -18,6 +18,7 @@ from grader.evidence.text.source import SourceFacts
 from grader.evidence.text.syntax import normalise, tree_of
 from grader.evidence.text.words import (
     Terms,
+    fingerprint,
     fold,
     is_placeholder,
     measure,
@@ -291,7 +292,7 @@ def concepts(
     connectives
         Words that connect others, see `lacks_sentences`.
     given
-        Sentences of the handout, as `normal_form` gives them; they do not count.
+        Fingerprints of the handout's sentences, which do not count.
     """
     reader = _DiscussionReader(lexicon, reasons, min_words, connectives)
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
@@ -415,12 +416,12 @@ class _DiscussionReader:
 
 def _own_texts(passages: Iterable[Passage], every: Terms, given: Collection[str]) -> Iterator[_Own]:
     """Yield the student's own text of passages; a repeated sentence counts once in all of them, a given one never."""
-    seen = {"", *given}
+    seen = {""}
     for passage in passages:
         fresh: list[str] = []
         for sentence in sentences(passage.text):
             form = normal_form(sentence)
-            if form not in seen:
+            if form not in seen and fingerprint(sentence) not in given:
                 seen.add(form)
                 fresh.append(sentence)
         joined = "\n".join(fresh)

@@ -6,6 +6,7 @@ accents. Every function is linear in the length of its text.
 
 from __future__ import annotations
 
+import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable, Sequence
@@ -32,6 +33,8 @@ _ACCENT = re.compile("[\u0300-\u036f\u064b-\u0652]")
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+|[。！？；।؟۔]+|\n[ \t]*\n")
 #: Characters of the longest sentence; longer ones are split.
 _SENTENCE_LIMIT = 20_000
+#: Hexadecimal digits of a fingerprint.
+_FINGERPRINT_DIGITS = 16
 #: Characters of a text that are examined for a placeholder.
 _START = 400
 _BRACKETED = re.compile(r"^\W{0,80}[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
@@ -86,6 +89,11 @@ def substance(text: str) -> int:
 def normal_form(text: str) -> str:
     """Return a text reduced to its folded words, so that repetitions are equal regardless of their punctuation."""
     return " ".join(words(text))
+
+
+def fingerprint(text: str) -> str:
+    """Return a digest of a text's words, equal for texts that differ in punctuation and layout alone."""
+    return hashlib.sha256(normal_form(text).encode()).hexdigest()[:_FINGERPRINT_DIGITS]
 
 
 def is_placeholder(text: str, patterns: Sequence[str] = ()) -> bool:

@@ -37,6 +37,16 @@ def test_a_copy_of_the_handout_has_nothing_of_its_own() -> None:
     assert left(HANDOUT.replace("drives to", "*drives*\nto")) == []
 
 
+def test_fingerprints_stand_for_a_text() -> None:
+    """A copy is known from the fingerprints alone, own sentences stay, and the file has no word of the text."""
+    kept = GivenText.of({"handout/README.md": HANDOUT}).fingerprints()
+    assert "robot" not in kept
+    known = GivenText.of({"handout/README.sha256": kept})
+    document = read_markdown(f"{HANDOUT}\n\n{OWN}\n")
+    own = [block.text for section in known.without(document) for block in section.blocks]
+    assert own == [OWN]
+
+
 def test_text_from_a_given_source_is_given() -> None:
     """Docstrings and comments of given programs count as the lab's text."""
     assert left("The robot needs three seconds to come to a stop.") == []

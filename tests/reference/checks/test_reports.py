@@ -399,6 +399,20 @@ def test_a_mistake_that_another_check_charged_costs_nothing_again(tmp_path: Path
     ).credit == Decimal("0.5")
 
 
+@pytest.mark.parametrize(("each", "causes"), [(False, 1), (True, 0)])
+def test_a_mistake_that_leaves_little_of_use_is_charged_in_each_check(
+    tmp_path: Path, each: bool, causes: int
+) -> None:
+    """Without a cause in common, no other check has the charge."""
+    mean = float(np.abs(history(None)).mean())
+    session = with_reports(*stimulus(tmp_path))
+    session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
+    alternative = {"parameters": {"history": None}, "meaning": "the whole run", "each": each}
+    finding = judged(REPORTED_STATISTICS, {**STATISTICS, "alternatives": [alternative]}, session)
+    assert finding.outcome is Outcome.FAILED
+    assert len(finding.causes) == causes
+
+
 @pytest.mark.parametrize(("number", "credit"), [("0.06", 1), ("0.07", 0), ("0.060", 0)])
 def test_two_decimals_are_enough(tmp_path: Path, number: str, credit: int) -> None:
     """Numbers printed with two decimals are compared to two decimals, others to all of theirs."""
@@ -495,7 +509,8 @@ def test_statistics_over_what_a_node_received_pass(tmp_path: Path) -> None:
     session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
     finding = judged(REPORTED_STATISTICS, STATISTICS, session)
     assert finding.outcome is Outcome.PASSED
-    assert "it lost the others" in finding.notes[0]
+    assert finding.expected.startswith(f"{finding.measured} from the ")
+    assert "reported messages" in finding.notes[0]
 
 
 def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
@@ -509,7 +524,8 @@ def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
     session.record.processes[0].output = [*kept, replace(kept[-1], text=f"Mean: {vector(mean)}")]
     finding = judged(REPORTED_STATISTICS, STATISTICS, session)
     assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
-    assert "it lost the others" in finding.notes[0]
+    assert "from the 120 messages that the node reported" in finding.expected
+    assert "reported messages" in finding.notes[0]
 
 
 def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:

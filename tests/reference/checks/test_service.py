@@ -96,6 +96,28 @@ def test_a_parameter_of_another_name_forbids_nothing_by_its_own(tmp_path: Path) 
     assert finding.causes == ("parameter safety of /robot",)
 
 
+@pytest.mark.parametrize(
+    ("own_type", "from_start", "credit"),
+    [("string", None, "0"), ("string", False, "1"), ("bool", None, "1"), ("not set", None, "1")],
+)
+def test_a_parameter_of_another_type_forbids_nothing(
+    tmp_path: Path, own_type: str, from_start: bool | None, credit: str
+) -> None:
+    """A string cannot be set to false by anybody; one with dynamic typing answers from the start, and is right."""
+    given = {"node": "/robot", "values": {"safety": False}}
+    held = {"safety": {"type": own_type, "value": "true"}}
+    session = Session(tmp_path).step("get_parameters", "read", values=held)
+    session.step("set_parameters", "off", "done", parameters=given)
+    for label, success in (("refuse", False), ("recover", True)):
+        called(session, label, call(answer(success)))
+    called(session, "from_start", call(None if from_start is None else answer(from_start)))
+    finding = judged(CALL_GATED, {**GATED, "read_step": "read"}, session)
+    assert finding.credit == Decimal(credit)
+    if credit == "0":
+        assert "safety is declared as a string, so rclpy refuses the bool false" in finding.reason
+        assert finding.causes == ("parameter safety of /robot",)
+
+
 @pytest.mark.parametrize(("success", "credit"), [(True, "1"), (False, "0.17")])
 def test_what_must_always_be_possible_is_not_refused(
     tmp_path: Path, success: bool, credit: str
@@ -128,8 +150,8 @@ def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
         )
 
 
-def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
-    """A node that follows the parameter in reverse earns half.
+def test_a_gate_the_wrong_way_round_earns_nothing(tmp_path: Path) -> None:
+    """A node that follows the parameter in reverse enables exactly while that is forbidden.
 
     If enabling fails otherwise, a refusal proves nothing. If the node enables later, the failure is
     charged in the enabling check, and not here again.
@@ -137,7 +159,7 @@ def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
     lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
     gate = {**GATED, "enables": "first"}
     for name, off, on, credit in (
-        ("a", True, False, "0.5"),
+        ("a", True, False, "0"),
         ("b", False, False, "0"),
         ("c", False, True, "1"),
     ):
@@ -148,7 +170,7 @@ def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
         )
         finding = judged(CALL_GATED, gate, session, findings=lost)
         assert finding.credit == Decimal(credit)
-        assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
+        assert (finding.outcome is Outcome.NOT_REACHED) == (name == "b")
 
 
 def test_a_parameter_that_cannot_be_set_is_reported(tmp_path: Path) -> None:
