@@ -99,7 +99,7 @@ class BuiltPackage:
         """Copy an installed file; a script of setuptools is run by an interpreter."""
         origin = self._prefix / file.path
         shutil.copy(origin, target)
-        if file.is_program:
+        if file.is_program or file.path.startswith("bin/"):
             content = origin.read_bytes()
             target.write_bytes(_OF_BUILD.sub(f"#!{interpreter}\n".encode(), content, count=1))
 
