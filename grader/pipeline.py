@@ -37,6 +37,7 @@ from grader.live.sandbox.environment import (
     versions,
 )
 from grader.live.sandbox.probing import require
+from grader.live.session.built import note_installed
 from grader.live.session.runner import Progress, SessionRunner, given_in_steps
 from grader.live.session.scheduler import LocalScheduler, Scheduler
 from grader.live.session.stage import stage
@@ -292,12 +293,14 @@ class Grading:
         native = self._native_launch()
         self._note_left_out(chosen)
         needs = self._needs(chosen)
-        interfaces, staged = (_scratch(stack) for _ in range(2))
+        interfaces = _scratch(stack)
+        prefixes = _scratch(stack)
+        staged = _scratch(stack)
         lacking = self._build_interfaces(needs, interfaces, isolation, scheduler)
+        self._build_packages(isolation, scheduler, prefixes)
         if self.options.scope is not Scope.UNDECIDED:
-            self._build_packages(isolation, scheduler)
             self._begin_recordings()
-        executables = self._stage(staged, scheduler)
+        executables = self._stage(staged, scheduler, prefixes)
         return SessionRunner(
             rubric=self.rubric,
             submission=self.submission,
@@ -368,7 +371,7 @@ class Grading:
                 still_building,
             )
 
-    def _build_packages(self, isolation: Isolation, scheduler: Scheduler) -> None:
+    def _build_packages(self, isolation: Isolation, scheduler: Scheduler, prefixes: Path) -> None:
         """Build the submission's packages, and note the outcomes; bare files need no build."""
         submission = self.submission
         if not submission.packages:
@@ -377,8 +380,9 @@ class Grading:
             return
         time_s = self.rubric.lab.build_timeout_s
         with self._work("building packages", scheduler):
-            builds = build_packages(self.folder, submission, isolation, time_s)
+            builds = build_packages(self.folder, submission, isolation, time_s, prefixes)
         submission.builds = builds
+        note_installed(submission, prefixes)
 
     def _begin_recordings(self) -> None:
         """Remove an earlier recording, and begin with the submission and the rubric."""
@@ -396,9 +400,11 @@ class Grading:
         replace_files(rubric_files(recordings, rubric))
         replace_files({recordings / EARLIER_FILE: self.before})
 
-    def _stage(self, staged: Path, scheduler: Scheduler) -> dict[str, str]:
+    def _stage(self, staged: Path, scheduler: Scheduler, prefixes: Path) -> dict[str, str]:
         python = str(self.options.interpreter)
-        staging = partial(stage, self.folder, self.submission, self.rubric, staged, python)
+        staging = partial(
+            stage, self.folder, self.submission, self.rubric, staged, python, prefixes
+        )
         with self._work("staging", scheduler):
             return in_bounds(staging, self.submission.source, _READING_BOUND)
 

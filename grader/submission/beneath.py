@@ -118,7 +118,7 @@ def restore_way(top: Path, folder: PurePosixPath, rights: int) -> None:
             opened.callback(os.close, here)
 
 
-def copy_tree(source: Path, target: Path, owner: int | None = None) -> None:
+def copy_tree(source: int | Path, target: Path, owner: int | None = None) -> None:
     """Copy a folder's files, folders and links into another folder, while the source may change.
 
     Links are copied as links; special files, and folders too deep, are left out. The copies belong to `owner`.

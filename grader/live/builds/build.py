@@ -1,13 +1,15 @@
-"""Builds the packages of a submission, and records their outcomes; a cache of the user keeps these."""
+"""Builds the packages of a submission, and records their outcomes; a cache keeps these and the installed files."""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import re
 import shutil
 import sys
+import tarfile
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -18,13 +20,14 @@ from confine.helpers import find_tool
 from confine.interpreters import OWN_INTERPRETER
 from confine.isolation import Isolation
 from confine.scratch import scratch_prefix
-from grader.files import replace_file
+from grader.files import replace_files
 from grader.live.builds import colcon
 from grader.live.builds.colcon import Installed, Ran
 from grader.live.sandbox.cache import cache_folder
 from grader.live.sandbox.room import WORKSPACE, StudentRoom, made_room
 from grader.recording.record import from_plain
 from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
+from grader.submission.beneath import copy_tree, open_beneath
 
 #: Characters of the output of one package that are recorded.
 _MOST_OUTPUT = 8000
@@ -46,7 +49,11 @@ _BUILD_TOOLS = {"ament_cmake": "ament_cmake_core"}
 
 
 def build_packages(
-    folder: Path, submission: SubmissionRecord, isolation: Isolation, time_s: float
+    folder: Path,
+    submission: SubmissionRecord,
+    isolation: Isolation,
+    time_s: float,
+    prefixes: Path,
 ) -> list[BuildFact] | None:
     """Return the builds of a submission's packages; None if this machine cannot build.
 
@@ -58,6 +65,8 @@ def build_packages(
         Confinement of the builds; without namespaces nothing is built.
     time_s
         Time for all of its packages.
+    prefixes
+        Empty folder for the installed files; each built package gets a folder of its name.
     """
     if not submission.packages or not can_build(isolation):
         return None
@@ -68,11 +77,11 @@ def build_packages(
         return facts
     sources = _sources(submission, others)
     cached = cache_folder("builds") / f"{_key(others, sources)}.json"
-    found = _from_cache(cached)
+    found = _from_cache(cached, prefixes)
     if found is None:
-        found = _build(folder, others, sources, isolation, time_s)
+        found = _build(folder, others, sources, isolation, time_s, prefixes)
         if all(fact.outcome != "not built" for fact in found):
-            _keep(cached, found)
+            _keep(cached, found, prefixes)
     return facts + found
 
 
@@ -142,8 +151,9 @@ def _build(
     sources: Iterable[str],
     isolation: Isolation,
     time_s: float,
+    prefixes: Path,
 ) -> list[BuildFact]:
-    """Build packages in a throw-away workspace."""
+    """Build packages in a throw-away workspace, and copy the prefixes of the built ones."""
     with tempfile.TemporaryDirectory(
         prefix=scratch_prefix(), ignore_cleanup_errors=True
     ) as scratch:
@@ -156,7 +166,31 @@ def _build(
         facts = []
         for package in packages:
             facts.append(_fact(package, ran, parts, room))
+            if facts[-1].outcome == "built":
+                _copy_prefix(workspace, package.name, prefixes)
     return facts
+
+
+def _copy_prefix(workspace: Path, package: str, prefixes: Path) -> None:
+    """Copy the installed files of a package; a build may have put a link in their place, which is not followed."""
+    with suppress(OSError):
+        installed = open_beneath(workspace, f"install/{package}", os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            (prefixes / package).mkdir()
+            copy_tree(installed, prefixes / package)
+        finally:
+            os.close(installed)
+        _settle_links(prefixes / package)
+
+
+def _settle_links(prefix: Path) -> None:
+    """Make links to files of the same folder, as of the versions of a library, names of these files; remove others."""
+    links = [path for path in prefix.rglob("*") if path.is_symlink()]
+    for link in links:
+        file = Path(os.path.realpath(link))
+        link.unlink()
+        if file.parent == link.parent.resolve() and file.is_file():
+            link.hardlink_to(file)
 
 
 def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
@@ -263,20 +297,42 @@ def _shortened(output: str) -> str:
 # -- the cache -------------------------------------------------------------------------------------
 
 
-def _from_cache(cached: Path) -> list[BuildFact] | None:
-    """Return builds from the cache; None if it has none."""
+def _from_cache(cached: Path, prefixes: Path) -> list[BuildFact] | None:
+    """Return builds from the cache, with their installed files; None if it has none."""
     try:
         plain = json.loads(cached.read_text(encoding="utf-8"))
-        return [from_plain(BuildFact, fact) for fact in plain]
-    except (OSError, ValueError, TypeError):
+        facts = [from_plain(BuildFact, fact) for fact in plain]
+        with tarfile.open(_archive(cached)) as archive:
+            archive.extractall(prefixes, filter="data")
+    except (OSError, ValueError, TypeError, tarfile.TarError):
+        for left in prefixes.iterdir():
+            shutil.rmtree(left)
         return None
+    return facts
 
 
-def _keep(cached: Path, facts: Iterable[BuildFact]) -> None:
-    """Keep builds in the cache; without a home folder, nothing is kept."""
+def _keep(cached: Path, facts: Iterable[BuildFact], prefixes: Path) -> None:
+    """Keep builds with their installed files in the cache; without a home folder, nothing is kept."""
     with suppress(OSError):
         cached.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        replace_file(cached, json.dumps([asdict(fact) for fact in facts]))
+        archived = io.BytesIO()
+        with tarfile.open(fileobj=archived, mode="w") as archive:
+            archive.add(prefixes, arcname=".", filter=_plain_member)
+        outcomes = json.dumps([asdict(fact) for fact in facts])
+        replace_files({_archive(cached): archived.getvalue(), cached: outcomes})
         entries = sorted(cached.parent.glob("*.json"), key=lambda path: path.stat().st_mtime)
         for old in entries[:-_MOST_CACHED]:
             old.unlink()
+            _archive(old).unlink(missing_ok=True)
+
+
+def _archive(cached: Path) -> Path:
+    """Return the archive of the installed files beside the outcomes of builds."""
+    return cached.with_suffix(".tar")
+
+
+def _plain_member(member: tarfile.TarInfo) -> tarfile.TarInfo | None:
+    """Return a file, one more name of it, or a folder for an archive."""
+    if member.isdir() or member.isreg() or member.islnk():
+        return member
+    return None

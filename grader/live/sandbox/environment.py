@@ -44,9 +44,14 @@ _DDS = {
 }
 
 
+def python_folder() -> str:
+    """Return the folder of this Python's modules below `lib`, e.g. "python3.12"."""
+    return f"python{sys.version_info.major}.{sys.version_info.minor}"
+
+
 def ros_environment(prefix: Path) -> dict[str, str]:
     """Environment of a program that uses the ROS wheels in a virtual environment."""
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    version = python_folder()
     libraries = sorted((prefix / "lib" / version / "site-packages").glob("ros_*.libs"))
     return {
         **_DDS,
@@ -66,7 +71,7 @@ def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> di
 
     Packages of the environment itself come first, then packages of earlier prefixes.
     """
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    version = python_folder()
     below = {
         "AMENT_PREFIX_PATH": "",
         "PYTHONPATH": f"/lib/{version}/site-packages",
@@ -104,19 +109,26 @@ def student_environment(
     If `interpreter` belongs to a virtual environment with the ROS wheels, these are set up.
     """
     prefix = interpreter.parent.parent
+    installed = f"{workspace}/install"
+    own = ros_environment(prefix)
     environment = (
-        ros_environment(prefix)
+        own
         | {
+            # Behind ROS and the system, so that a package replaces none of their files.
+            "PATH": f"{own['PATH']}:{installed}/bin",
+            "LD_LIBRARY_PATH": f"{own['LD_LIBRARY_PATH']}:{installed}/lib",
             "HOME": home,
             "TMPDIR": "/tmp",
             "ROS_LOG_DIR": f"{home}/log",
             "ROS_DOMAIN_ID": str(domain_id),
             "ROS_DISTRO": "jazzy",
             "ROS_VERSION": "2",
-            "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
+            "AMENT_PREFIX_PATH": f"{installed}:{prefix}",
             "PYTHONDONTWRITEBYTECODE": "1",
             "PYTHONNOUSERSITE": "1",  # files that an earlier program left at home must not run before the tap
             "PYTHONPATH": inside,
+            # Behind the tap: a package of the submission can have the name of one of Python's modules.
+            "GRADER_INSTALLED": f"{installed}/lib/{python_folder()}/site-packages",
             "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
             "RCUTILS_COLORIZED_OUTPUT": "0",
         }

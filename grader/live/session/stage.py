@@ -1,21 +1,24 @@
 """A submission → a throw-away workspace, as `colcon build` would leave it.
 
-It holds `src/` (a copy of the student's files) and `install/`, an ament prefix whose executables are wrappers around
-the files in `src/`. Paths inside are relative, so that it can be mounted anywhere.
+It holds `src/` (a copy of the student's files) and `install/`, an ament prefix. A package that colcon built has its
+installed files there. Executables of bare files, and of a package that was not built, are wrappers around the files in
+`src/`. Paths inside are relative, so that it can be mounted anywhere.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
 
 from grader.lab.rubric import Rubric
+from grader.live.session.built import BuiltPackage, InstalledFile, built_package
 from grader.live.session.entry import function_to_call
 from grader.recording.submission import PackageFact, SubmissionRecord
 from grader.submission.packages.colcon import is_launch_file
@@ -70,11 +73,17 @@ _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)
 
 
 def stage(
-    source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str
+    source: Path,
+    record: SubmissionRecord,
+    rubric: Rubric,
+    folder: Path,
+    interpreter: str,
+    prefixes: Path | None = None,
 ) -> dict[str, str]:
     """Make the workspace of a submission's folder with the files listed in `record`.
 
-    Returns for each artifact the path of its wrapper in there.
+    Returns for each artifact the path of its program in there. The folder `prefixes` holds the installed files of
+    each built package below the package's name.
 
     Data may need more room than a session has, once it is installed for each of several packages; then a file that
     is not text is left out. The interpreter is the absolute path of the Python that runs students' code.
@@ -84,7 +93,7 @@ def stage(
         if not origin.is_symlink() and origin.is_file():
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(origin, target, follow_symlinks=False)
-    return _Installation(folder, record, rubric, interpreter).install()
+    return _Installation(folder, record, rubric, interpreter, prefixes).install()
 
 
 @dataclass(eq=False)
@@ -95,24 +104,43 @@ class _Installation:
     record: SubmissionRecord
     rubric: Rubric
     interpreter: str
+    prefixes: Path | None = None
     size_bytes: int = _MOST_INSTALLED_BYTES
     entries: int = _MOST_INSTALLED
+    #: Source of a module -> installed programs that call it, by their names.
+    _installed: dict[str, dict[str, str]] = field(default_factory=lambda: defaultdict(dict))
 
     def install(self) -> dict[str, str]:
         """Install everything; returns the artifacts' wrappers."""
-        executables = {}
-        for artifact in self.record.artifacts:
-            if artifact.path is not None:
-                relative = f"install/lib/.artifacts/{artifact.name}"
-                executable = self.rubric.artifacts[artifact.name].executable
-                _write(self.folder / relative, self._wrapper_of_file(artifact.path, executable))
-                executables[artifact.name] = relative
         packages = self.record.packages or self._packages_of_bare_files()
         for package in packages:
             self._register(package.name)  # before any package installs something in another's place
         for package in packages:
-            self._install_package(package)
+            built = None
+            if self.prefixes is not None:
+                built = built_package(self.record, package, self.prefixes)
+            if built is not None:
+                self._install_built(built)
+            self._install_wrappers(package)
+            if built is None:
+                self._install_data(package)
+        executables = {}
+        for artifact in self.record.artifacts:
+            if artifact.path is not None:
+                executable = self.rubric.artifacts[artifact.name].executable
+                executables[artifact.name] = self._program(artifact.name, artifact.path, executable)
         return executables
+
+    def _program(self, artifact: str, path: str, executable: str | None) -> str:
+        """Return the installed program that runs an artifact's file, or else a new wrapper."""
+        programs = self._installed.get(path, {})
+        if executable in programs:
+            return programs[executable]
+        if programs:
+            return min(programs.values())
+        relative = f"install/lib/.artifacts/{artifact}"
+        _write(self.folder / relative, self._wrapper_of_file(path, executable))
+        return relative
 
     def _take_room(self, path: Path, size_bytes: int) -> bool:
         """Take the room for a file and the folders that it needs, if there is so much."""
@@ -155,19 +183,56 @@ class _Installation:
             programs[file.stem] = str(file)
         return programs | parts
 
-    def _install_package(self, package: PackageFact) -> None:
+    # -- built packages -----------------------------------------------------------------------
+
+    def _install_built(self, built: BuiltPackage) -> None:
+        """Install the files of a built package, and note its programs by the files that they run."""
+        linked = {}
+        for file in built.files:
+            target = self.folder / "install" / file.path
+            with suppress(OSError):  # a name that is a folder in another package
+                if target.exists():
+                    continue
+                if not self._take_room(target, file.size_bytes):
+                    continue
+                target.parent.mkdir(parents=True, exist_ok=True)
+                self._install_file(built, file, target)
+                if file.source is not None:
+                    linked[file.path] = file.source
+        for name, module in built.programs.items():
+            if module in linked:
+                program = f"install/lib/{built.name}/{name}"
+                self._installed[linked[module]][name] = program
+
+    def _install_file(self, built: BuiltPackage, file: InstalledFile, target: Path) -> None:
+        """Install a file: an unchanged module as a link to its source, a copied script as a wrapper around it."""
+        if file.source is None:
+            built.copy(file, target, self.interpreter)
+        elif file.is_program:
+            _write(target, self._wrapper_of_file(file.source))
+        else:
+            target.symlink_to(os.path.relpath(self.folder / "src" / file.source, target.parent))
+
+    # -- packages by wrappers -----------------------------------------------------------------
+
+    def _install_wrappers(self, package: PackageFact) -> None:
+        """Install a wrapper for each declared executable that is missing."""
         for name, target in package.executables.items():
             program = self.folder / "install/lib" / package.name / name
+            if program.exists():
+                continue
+            if not re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name):
+                continue
             text = self._wrapper_of_entry(package, target)
-            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(
-                program, len(text)
-            ):
+            if self._take_room(program, len(text)):
                 _write(program, text)
-        all_data = self._all_data(package.name, PurePosixPath(package.path))
-        self._share(all_data if package.shared is None else package.shared.items())
+
+    def _install_data(self, package: PackageFact) -> None:
+        """Install the data files of a package that was not built."""
+        self._share(self._all_data(package.name, PurePosixPath(package.path)))
 
     def _all_data(self, package: str, root: PurePosixPath) -> list[tuple[str, str]]:
-        """Return all data files of a package that does not tell of them, where they lie and where they usually do."""
+        """Return all data files of a package, where they lie and where they usually are installed."""
         shared = []
         for path in (PurePosixPath(file.path) for file in self.record.files):
             if path.is_relative_to(root) and _is_shared(inside := path.relative_to(root)):

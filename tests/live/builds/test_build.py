@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -49,7 +50,8 @@ def read(folder: Path) -> SubmissionRecord:
 
 def built(folder: Path, isolation: Isolation, time_s: float = ENOUGH_S) -> list[BuildFact]:
     """Build the packages in a folder."""
-    found = build_packages(folder, read(folder), isolation, time_s)
+    with tempfile.TemporaryDirectory() as prefixes:
+        found = build_packages(folder, read(folder), isolation, time_s, Path(prefixes))
     assert found is not None
     return found
 
@@ -136,4 +138,4 @@ def test_an_endless_build_is_ended_and_not_kept(
 def test_bare_files_cost_nothing(tmp_path: Path, isolation: Isolation) -> None:
     """A submission without a package starts no build."""
     write(tmp_path / "ws", {"talker.py": "print()\n"})
-    assert build_packages(tmp_path / "ws", read(tmp_path / "ws"), isolation, 1.0) is None
+    assert build_packages(tmp_path / "ws", read(tmp_path / "ws"), isolation, 1.0, tmp_path) is None

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
+from copy import deepcopy
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
 from grader.judging.rubrics import read_rubric
+from grader.live.session.built import note_installed
 from grader.live.session.stage import stage
-from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.recording.submission import ArtifactFact, BuildFact, FileFact, SubmissionRecord
 from grader.submission.artifacts import decode_text
 from grader.submission.packages.colcon import find_packages
+from tests.ros_packages import write
 
 pytestmark = pytest.mark.slow
 
@@ -300,3 +304,107 @@ def test_what_a_package_installs_keeps_no_other_from_its_place(tmp_path: Path, t
     install = staged(tmp_path, files).folder / "install"
     assert (install / "share/ament_index/resource_index/packages/other").is_file()
     assert (install / "share/other").is_dir()
+
+
+SCRIPT = """#!/nowhere/bin/python
+# EASY-INSTALL-ENTRY-SCRIPT: 'arm-lab==0.0.0','console_scripts','talk'
+from arm_lab.talk import main
+
+main()
+"""
+TALK = "def main():\n    print('from the package', __file__.rpartition('/')[2])\n"
+
+
+def built_record(sources: dict[str, str], installed: list[str]) -> SubmissionRecord:
+    """Return the record of a package that a build installed."""
+    record = SubmissionRecord("ann", texts=dict(sources))
+    for path, text in sources.items():
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        record.files.append(FileFact(path, len(text), digest))
+    record.packages = find_packages(record.texts, list(sources))
+    record.builds = [BuildFact("arm_lab", "", "built", installed=installed)]
+    return record
+
+
+def built_workspace(folder: Path, installed: dict[str, str]) -> Workspace:
+    """Stage a package with the files that a build installed."""
+    sources = {"package.xml": MANIFEST, "setup.py": SETUP, "arm_lab/talk.py": TALK}
+    write(folder / "submission", sources)
+    write(folder / "prefixes/arm_lab", installed)
+    record = built_record(sources, list(installed))
+    record.artifacts = [ArtifactFact("publisher", "talk.py", "arm_lab/talk.py", "name")]
+    wrappers = stage(
+        folder / "submission",
+        record,
+        read_rubric(None),
+        folder / "ws",
+        sys.executable,
+        folder / "prefixes",
+    )
+    return Workspace(folder / "ws", wrappers)
+
+
+MODULES = "lib/python3.12/site-packages"
+INSTALLED = {
+    "lib/arm_lab/talk": SCRIPT,
+    f"{MODULES}/arm_lab/talk.py": TALK,
+    f"{MODULES}/arm_lab-0.0.0.egg-info/entry_points.txt": "[console_scripts]\ntalk = arm_lab.talk:main\n",
+}
+
+
+def test_a_built_package_runs_from_its_installed_files(tmp_path: Path) -> None:
+    """An artifact runs by the installed script, with the students' interpreter; its module is a link to the source."""
+    workspace = built_workspace(tmp_path, INSTALLED)
+    assert workspace.executables["publisher"] == "install/lib/arm_lab/talk"
+    script = wrapper(workspace).read_text(encoding="utf-8")
+    assert script == SCRIPT.replace("/nowhere/bin/python", sys.executable)
+    module = workspace.folder / "install" / MODULES / "arm_lab/talk.py"
+    assert module.resolve() == (workspace.folder / "src/arm_lab/talk.py").resolve()
+
+
+def test_a_module_that_the_build_left_out_runs_from_its_source(tmp_path: Path) -> None:
+    """A program without its installed module is replaced by a wrapper for an artifact, not for `ros2 run`."""
+    installed = {path: text for path, text in INSTALLED.items() if not path.endswith("talk.py")}
+    workspace = built_workspace(tmp_path, installed)
+    assert workspace.executables["publisher"] == "install/lib/.artifacts/publisher"
+    assert run(wrapper(workspace)).startswith("from the package")
+    script = workspace.folder / "install/lib/arm_lab/talk"
+    assert "EASY-INSTALL" in script.read_text(encoding="utf-8")
+
+
+def test_an_executable_in_another_folder_gets_a_wrapper(tmp_path: Path) -> None:
+    """Without setup.cfg, setuptools installs into bin, and a repaired copy lets the rest be judged."""
+    installed = dict(INSTALLED)
+    installed["bin/talk"] = installed.pop("lib/arm_lab/talk")
+    workspace = built_workspace(tmp_path, installed)
+    assert run(workspace.folder / "install/lib/arm_lab/talk").startswith("from the package")
+
+
+def test_a_build_tells_what_a_package_installs(tmp_path: Path) -> None:
+    """Executables, data files and launch files that are left out come from the installed files."""
+    launch = "def generate_launch_description():\n    return None\n"
+    sources = {"package.xml": MANIFEST, "setup.py": "setup(entry_points=made())\n"}
+    sources |= {"arm_lab/talk.py": TALK, "launch/a.launch.py": launch, "launch/b.launch.py": ""}
+    installed = {**INSTALLED, "share/arm_lab/launch/a.launch.py": launch}
+    record = built_record(sources, list(installed))
+    assert "does not follow" in record.packages[0].problems[0]
+    write(tmp_path / "arm_lab", installed)
+    for _ in range(2):  # a grading of undecided sessions notes it again
+        note_installed(record, tmp_path)
+    (package,) = record.packages
+    assert package.executables == {"talk": "arm_lab.talk:main"}
+    assert package.shared == {"share/arm_lab/launch/a.launch.py": "launch/a.launch.py"}
+    assert package.problems == [
+        "it does not install launch/b.launch.py, so `ros2 launch arm_lab b.launch.py` does not find it; "
+        "add ('share/arm_lab/launch', ['launch/b.launch.py']) to data_files in setup.py"
+    ]
+
+
+def test_without_a_build_nothing_counts_as_left_out(tmp_path: Path) -> None:
+    """Without installed files, nothing is noted."""
+    sources = {"package.xml": MANIFEST, "setup.py": SETUP, "launch/b.launch.py": ""}
+    record = built_record(sources, [])
+    before = deepcopy(record.packages)
+    note_installed(record, tmp_path)
+    assert record.packages == before
+    assert record.packages[0].shared is None
