@@ -112,6 +112,13 @@ def test_statistics_of_common_mistakes_stand_clear(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_a_history_of_100_is_told_from_the_last_state(seed: int) -> None:
+    """The last phase is shorter than that history, so that their means differ by more than 5 % on each joint."""
+    everything = np.abs(subscriber_errors(schedule(seed)))
+    assert apart(everything[-100:].mean(axis=0), everything[-1]).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_reports_of_common_mistakes_stand_clear(seed: int) -> None:
     """On each plateau the RMS over joints differs by more than 5 % from wrong formulas and other plateaus."""
     _, drawn = plateaus(seed)
