@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from ros_bag.definitions import MessageDefinition, field_steps
+from ros_bag.definitions import MessageDefinition
 from ros_bag.elements import MOST_VALUES, readable_messages
+from ros_bag.fields import field_steps
 from ros_bag.mcap_file import Contents, Row, contents_of, mcap_file_in
 from ros_bag.qos import INFINITE_NS
 
@@ -92,7 +93,7 @@ class Stream:
     def field(self, path: str) -> list[Any]:
         """Return the value of one field in each message: None if the message is malformed or has no such field.
 
-        `definitions.field_steps` describes paths. Arrays of numbers are numpy arrays.
+        `fields.field_steps` describes paths. Arrays of numbers are numpy arrays.
         """
         steps = field_steps(path)
         return [_pick(message, steps) for message in self.messages]

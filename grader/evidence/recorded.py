@@ -38,8 +38,8 @@ from grader.recording.session import (
     StepRun,
     read_session,
 )
-from ros_bag.definitions import field_steps
 from ros_bag.elements import MOST_VALUES
+from ros_bag.fields import field_steps
 from ros_bag.reading import Bag, Stream
 
 #: Largest step of the system clock against the monotonic clock, in s, that is not a setting of the clock.

@@ -369,13 +369,11 @@ def _between(before: Floats, after: Floats, shares: NDArray[np.float64]) -> Floa
 
 def _product(p: Floats, q: Floats) -> Floats:
     """Multiply quaternions, float64[n, 4] each."""
-    px, py, pz, pw = p.T
-    qx, qy, qz, qw = q.T
-    x = pw * qx + px * qw + py * qz - pz * qy
-    y = pw * qy - px * qz + py * qw + pz * qx
-    z = pw * qz + px * qy - py * qx + pz * qw
-    w = pw * qw - px * qx - py * qy - pz * qz
-    return np.stack((x, y, z, w), axis=1)
+    p_axis, p_real = p[:, :3], p[:, 3:]
+    q_axis, q_real = q[:, :3], q[:, 3:]
+    axis = p_real * q_axis + q_real * p_axis + np.cross(p_axis, q_axis)
+    real = p_real * q_real - np.sum(p_axis * q_axis, axis=1, keepdims=True)
+    return np.hstack((axis, real))
 
 
 def _rotated(quaternions: Floats, vectors: Floats) -> Floats:

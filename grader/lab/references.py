@@ -35,12 +35,16 @@ from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Fault, Loc, Strict, mistakes_at, suggestion
-from ros_bag.definitions import (
+from ros_bag.fields import (
+    NoSuchField,
     also_defined,
-    field_steps,
     fields_of,
+    holds_numbers,
     installed_types,
+    is_number,
+    numbers_in,
     packages_with,
+    type_at,
     types_in,
 )
 from ros_bag.interfaces import PARTS, InterfacePackage, packages_of, read_folder
@@ -177,7 +181,9 @@ def _mapping_referring(kind: Any, value: Mapping[str, Any]) -> Iterator[tuple[Re
 
 def _frozen(value: Any) -> Any:
     """Return a list as a tuple, and any other value as it is."""
-    return tuple(value) if isinstance(value, list) else value
+    if isinstance(value, list):
+        return tuple(value)
+    return value
 
 
 class StepText(NamedTuple):
@@ -401,7 +407,9 @@ def step_label(*kinds: str) -> Reference:
 
     if not kinds:
         return Reference("Label of the step.", look_up, "step", to="step")
-    example = "window" if kinds == ("observe",) else kinds[0]
+    example = kinds[0]
+    if kinds == ("observe",):
+        example = "window"
     return Reference(f"Label of the step, of kind {kinds[0]}.", look_up, example, to="step")
 
 
@@ -424,11 +432,17 @@ def _name_of_process(start: Mapping[str, Any]) -> str:
 
 def _process(*more: str) -> Reference:
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
-        starts = [step.parameters for step in scope.steps or () if step.kind == "start"]
-        # A launch file names its processes itself.
-        if scope.steps is not None and not any("launch" in start for start in starts):
-            names = [_name_of_process(start) for start in starts]
-            one_of(value, "process", [*names, *more], f" in session '{scope.session}'")
+        if scope.steps is None:
+            return
+        names = list(more)
+        for step in scope.steps:
+            if step.kind != "start":
+                continue
+            # A launch file names its processes itself.
+            if "launch" in step.parameters:
+                return
+            names.append(_name_of_process(step.parameters))
+        one_of(value, "process", names, f" in session '{scope.session}'")
 
     return Reference("Name of a process that the session starts.", look_up, "talker")
 
@@ -586,44 +600,11 @@ AnyType = Annotated[
 
 
 def _type_at(name: str, path: str) -> str | None:
-    """Return the type of a field; None if a type is unknown here."""
-    spelled = name
-    for step in field_steps(path):
-        if isinstance(step, int):
-            if not spelled.endswith("]"):
-                raise ValueError(f"a {spelled} has no elements, so that [{step}] says nothing")
-            spelled = spelled[: spelled.rindex("[")]
-            continue
-        fields = _fields_in(spelled)
-        if fields is None:
-            return None
-        if step not in fields:
-            raise ValueError(f"{spelled} has no field {step!r}" + suggestion(step, fields))
-        spelled = fields[step]
-    return spelled
-
-
-def _fields_in(spelled: str) -> Mapping[str, str] | None:
-    """Return the fields of a type, none for an array or a primitive; None if the type is unknown here."""
-    if spelled.count("/") != 2 or spelled.endswith("]"):
-        return {}
-    return fields_of(spelled)
-
-
-_PRIMITIVE_NUMBER = re.compile(r"float\d+|u?int\d+|bool|boolean|byte|octet|char|double|float")
-
-
-def _is_number(spelled: str) -> bool:
-    return _PRIMITIVE_NUMBER.fullmatch(spelled) is not None
-
-
-def _holds_numbers(spelled: str) -> bool:
-    """Return whether a type has numbers only: a number, a vector or quaternion, a time, or an array of these."""
-    element = spelled.partition("[")[0]
-    fields = _fields_in(element)
-    if not fields:
-        return fields is None or _is_number(element)
-    return all(map(_holds_numbers, fields.values()))
+    """Return the type of a field; None if a type is unknown here. Raises ValueError, with a suggestion."""
+    try:
+        return type_at(name, path)
+    except NoSuchField as problem:
+        raise ValueError(f"{problem}{suggestion(problem.field, problem.known)}") from problem
 
 
 def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
@@ -655,8 +636,7 @@ def _look_up_field(
     scope: Scope, topic: str, path: str, kind: str, fits: Callable[[str], bool]
 ) -> None:
     found = [_type_at(name, path) for name in sorted(scope.types.get(topic, ()))]
-    known = [spelled for spelled in found if spelled is not None]
-    if len(known) < len(found) or any(map(fits, known)):
+    if None in found or any(map(fits, filter(None, found))):
         return
     if found:
         raise ValueError(f"{path!r} of {topic} is a {found[0]}; it must hold {kind}")
@@ -677,27 +657,11 @@ def holds(info: ValidationInfo, topic: str, path: str, count: int) -> None:
     for name in info.context.types.get(topic, ()):
         spelled = _type_at(name, path)
         if spelled is not None:
-            found.append(_count_in(spelled))
+            found.append(numbers_in(spelled))
     if not found or None in found:
         return
     if count not in found:
         raise ValueError(f"{path!r} of {topic} holds {found[0]} numbers, not {count}")
-
-
-def _count_in(spelled: str) -> int | None:
-    """Return the number of numbers in a type, one for a time; None if it is unknown, as for an array."""
-    fields = _fields_in(spelled)
-    if spelled.endswith("]") or fields is None:
-        return None
-    if not fields or spelled in _TIMES:
-        return 1
-    total = 0
-    for each in fields.values():
-        count = _count_in(each)
-        if count is None:
-            return None
-        total += count
-    return total
 
 
 def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
@@ -707,11 +671,10 @@ def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
         reference.look_up(scope, value, info)
 
 
-_NUMBERS = _field("numbers (one, an array, or a message of numbers)", _holds_numbers, "data")
+_NUMBERS = _field("numbers (one, an array, or a message of numbers)", holds_numbers, "data")
 _TEXT_FIELD = _field("a text", lambda spelled: spelled in ("string", "wstring"), "data")
 FieldPath = Annotated[str, _NUMBERS]
 TextField = Annotated[str, _TEXT_FIELD]
-_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _STAMP = ("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")
 StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
 #: A text if a key `pattern`, which finds the numbers in it, comes before; else numbers.
@@ -728,7 +691,7 @@ WordField = Annotated[
     str,
     _field(
         "a text or one number",
-        lambda spelled: spelled in ("string", "wstring") or _is_number(spelled),
+        lambda spelled: spelled in ("string", "wstring") or is_number(spelled),
         "data",
     ),
 ]
@@ -763,8 +726,9 @@ def fields_of_type(part: str = "", label: str | None = None) -> Reference:
             name = _type_of_step(scope, info.data.get(label))
         if not isinstance(name, str) or name.count("/") != 2:
             return
-        values = {value: None} if isinstance(value, str) else value
-        wrong = list(_wrong_fields(name + part, values))
+        if isinstance(value, str):
+            value = {value: None}
+        wrong = list(_wrong_fields(name + part, value))
         if wrong:
             raise mistakes_at(wrong)
 

@@ -61,7 +61,7 @@ from grader.lab.yaml_with_lines import (
     read_text,
     suggestion,
 )
-from ros_bag.definitions import also_defined
+from ros_bag.fields import also_defined
 from ros_bag.interfaces import InterfacePackage
 
 #: `file.py:function`, beside the rubric.

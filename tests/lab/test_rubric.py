@@ -16,7 +16,7 @@ from grader.errors import RubricError
 from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.rubric import Rubric, json_schema, load_rubric
-from ros_bag.definitions import installed_fields, installed_types
+from ros_bag.fields import installed_fields, installed_types
 
 GRADER = Path(__file__).resolve().parents[2] / "grader"
 

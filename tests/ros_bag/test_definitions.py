@@ -16,10 +16,10 @@ from ros_bag.definitions import (
     DefinitionNotFound,
     MessageDefinition,
     definition_of,
-    fields_of,
     share_folders,
     type_hash_of,
 )
+from ros_bag.fields import fields_of
 
 #: Types with wide strings; `rosbags` has no hash of them.
 WIDE = ("test_msgs/msg/WStrings",)

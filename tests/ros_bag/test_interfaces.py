@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ros_bag.definitions import also_defined, fields_of, packages_with, types_in
+from ros_bag.fields import also_defined, fields_of, packages_with, types_in
 from ros_bag.interfaces import InterfacePackage, in_order, packages_of, shipped_packages
 
 
