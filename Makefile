@@ -38,7 +38,7 @@ test-all: test test-rest
 thorough: $(DEV_STAMP) system-dev
 	THOROUGH=1 $(BIN)/python -m pytest -n 4 -m "not live"
 
-# Every fixture and every submission of a lab. `make test-all` grades a twentieth of them, others for each commit.
+# Every fixture and every submission of a lab. `make test-all` grades some of them, others for each commit.
 fixtures: $(DEV_STAMP) system
 	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py tests/live/test_goal_lab.py
 

@@ -12,7 +12,7 @@ from grader.commands import COMMANDS
 
 pytestmark = pytest.mark.slow
 
-#: A small lab, whose rubric is read quickly.
+#: A lab with a small rubric, which is quickly read.
 LAB = Path(__file__).resolve().parents[1] / "grader/doctor/lab"
 #: Grading ends at once with it, and says which command it was.
 UNKNOWN_SESSION = ["--sessions", "nosuch", "--lab", str(LAB)]

@@ -65,7 +65,7 @@ def text(made: Path) -> str:
     return (made / "overrides.yaml").read_text(encoding="utf-8")
 
 
-# -- who may ---------------------------------------------------------------------------------------
+# -- permission ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("token", ["", "x", "0" * 32, "..", "%2e%2e"])
@@ -211,7 +211,7 @@ def test_a_port_that_cannot_be_used_is_told(desk: Served, made: Path, port: str)
         serve(made, "--port", number)
 
 
-# -- what a decision does --------------------------------------------------------------------------
+# -- effects of a decision -------------------------------------------------------------------------
 
 
 def test_a_decision_stands_in_the_file_and_then_in_the_result(desk: Served, made: Path) -> None:

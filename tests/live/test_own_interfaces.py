@@ -66,7 +66,7 @@ except KeyboardInterrupt:
     pass
 """
 
-#: The same with the action alone, whose result does not depend on the goal's type.
+#: The same with the action alone; its result does not depend on the goal.
 ACTION_NODE = """
 import rclpy
 from rclpy.action import ActionServer

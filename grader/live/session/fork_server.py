@@ -94,7 +94,8 @@ class _Branch(ForkServer):
             Path(os.devnull).open("wb") as errors,
             suppress(ConnectionError),
         ):  # Then requests will have no answer.
-            self._of._ask(self.request(self._form), link.fileno(), errors.fileno())
+            request = self.request(self._form)
+            self._of._ask(request, link.fileno(), errors.fileno())
         return self
 
     def wait(self, timeout: float) -> None:
