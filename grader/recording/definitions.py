@@ -193,7 +193,7 @@ def also_defined(packages: Sequence[InterfacePackage]) -> Iterator[None]:
 
 
 def _packages_at_hand() -> tuple[InterfacePackage, ...]:
-    """Return the packages whose definitions are known without an installation; the first of a name counts."""
+    """Return the packages with definitions known without an installation; the first of a name counts."""
     return (*_at_hand.get(), *shipped_packages())
 
 
