@@ -68,16 +68,17 @@ class InterfacePackage:
 
     def named_in(self, text: str) -> InterfacePackage:
         """Return the package with only the types that a text names, and those that they use; whole if it names none."""
-        stems = {_stem(file): file for file in self.files}
-        named: set[str] = set()
-        waiting = {stem for stem in stems if _is_word(stem, text)}
-        while waiting:
-            stem = waiting.pop()
-            named.add(stem)
-            used = self.files[stems[stem]]
-            waiting |= {other for other in stems if other not in named and _is_word(other, used)}
-        files = {file: content for file, content in self.files.items() if _stem(file) in named}
-        return InterfacePackage(self.name, files or self.files)
+        named: dict[str, str] = {}
+        texts = [text]
+        while texts:
+            found = texts.pop()
+            for file, definition in self.files.items():
+                if file not in named and _is_word(PurePosixPath(file).stem, found):
+                    named[file] = definition
+                    texts.append(definition)
+        if not named:
+            return self
+        return InterfacePackage(self.name, named)
 
     @cached_property
     def fields(self) -> Mapping[str, Any]:
@@ -99,10 +100,6 @@ class InterfacePackage:
                 name = f"{self.name}/{path.with_suffix('')}{part}"
                 found[name] = _parsed(file, section, self.name)
         return found
-
-
-def _stem(file: str) -> str:
-    return PurePosixPath(file).stem
 
 
 def _is_word(name: str, text: str) -> bool:

@@ -121,6 +121,11 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         reason = "The recording does not hold an evaluation of the launch file."
         return inconclusive(expected, "not evaluated", reason)
     problem = plan.problem
+    if problem is not None and _is_delayed(context, p.step, problem):
+        reason = (
+            "Not your fault: the grading computer was too busy to read the launch file in time."
+        )
+        return inconclusive(expected, "not read in time", reason)
     noted = worked_around(context, p.step)
     if problem is not None:
         noted.append(repair_of(problem))
@@ -137,6 +142,12 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if problem is None:
         return _repaired(faults, expected, p.repaired_rest)
     return _stopped(p, expected, plan, problem, where)
+
+
+def _is_delayed(context: Context, step: str, problem: Problem) -> bool:
+    """Return whether the machine kept the evaluation of a launch file from a core until its time was over."""
+    run = context.session.step(step)
+    return problem.kind == "too_slow" and run is not None and run.outcome == "timeout"
 
 
 def _stopped(

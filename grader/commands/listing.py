@@ -124,9 +124,10 @@ def run_listing(command: str, arguments: Sequence[str], console: Console) -> int
     """Print the chosen checks, steps or figures; returns the exit status."""
     entries = entries_of(command)
     parser = parser_of(f"grade {command}", as_sentence(COMMANDS[command]))
-    own = own_api() if command == "checks" else {}
+    own = {}
     words = "list only these, each with an example"
-    if own:
+    if command == "checks":
+        own = own_api()
         words += "; Context, Submission, Messages and all other names of grader.own_checks too"
     parser.add_argument("names", nargs="*", metavar="NAME", help=words)
     add_flag(parser, "--json", "print JSON, with all examples")
@@ -143,13 +144,18 @@ def run_listing(command: str, arguments: Sequence[str], console: Console) -> int
         return 0
     for entry in chosen:
         _print_entry(entry, console, with_example=bool(options.names))
-    for name in options.names:
-        if name in own:
-            console.print(f"{outline_of(own[name])}\n", soft_wrap=True, markup=False)
     if not options.names:
         words = f"\n`grade {command} NAME` shows an example, `--json` everything for programs."
         console.print(Text(words, "dim"))
+    _print_outlines(options.names, own, console)
     return 0
+
+
+def _print_outlines(names: Sequence[str], own: Mapping[str, Any], console: Console) -> None:
+    """Print those of some names that belong to the interface of a lab's own checks."""
+    for name in names:
+        if name in own:
+            console.print(f"{outline_of(own[name])}\n", soft_wrap=True, markup=False)
 
 
 def _print_entry(entry: Entry, console: Console, *, with_example: bool) -> None:

@@ -15,10 +15,10 @@ def own_api() -> dict[str, Any]:
     from grader import own_checks
 
     found = {}
-    for name, thing in vars(own_checks).items():
-        is_made = inspect.isclass(thing) or inspect.isfunction(thing)
-        if is_made and not name.startswith("_") and thing.__module__.startswith("grader."):
-            found[name] = thing
+    for kind in (inspect.isclass, inspect.isfunction):
+        for name, thing in inspect.getmembers(own_checks, kind):
+            if thing.__module__.startswith("grader."):
+                found[name] = thing
     return found
 
 
@@ -35,7 +35,9 @@ def outline(node: ast.stmt) -> str:
 
 def _outside(node: ast.stmt) -> ast.stmt:
     if isinstance(node, FUNCTIONS):
-        node.body = node.body[:1] if ast.get_docstring(node) else [ast.Expr(ast.Constant(...))]
+        del node.body[1:]
+        if ast.get_docstring(node) is None:
+            node.body = [ast.Expr(ast.Constant(...))]
     elif isinstance(node, ast.ClassDef):
         node.body = [_outside(each) for each in node.body if not _name_of(each).startswith("_")]
     return node

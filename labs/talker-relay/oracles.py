@@ -2,7 +2,7 @@
 
 
 def times(streams, parameters, seed):
-    """Return the expected number for each drive command: `factor` times what came, 3 by default."""
+    """Return the expected number for each drive command: `factor` times its own number, 3 by default."""
     return parameters.get("factor", 3.0) * streams["command"].values
 
 

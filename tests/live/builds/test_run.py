@@ -50,7 +50,7 @@ def generate_launch_description():
         Node(package='greeter', executable='hello', name='hello'),
     ])
 """
-STEPS = [
+STEPS: list[dict[str, object]] = [
     {"plan": {"launch": "up_launch"}, "label": "plan"},
     {"start": {"launch": "up_launch"}},
     {"observe": {"duration_s": 5}},
