@@ -254,7 +254,7 @@ def _pacing_hint(context: Context, p: TopicRate, timers: Sequence[Claim]) -> str
     """
     if not timers:
         run = p.run(context)
-        path = ""
+        path = None
         if run is not None:
             path = context.path_of(run.artifact or "")
         if _SLEEP.search(context.submission.texts.get(path or "", "")):
