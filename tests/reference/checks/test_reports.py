@@ -281,7 +281,7 @@ def test_reports_that_are_missing_cost_their_share_alone(
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
 
 
-ONCE = {
+ONCE: dict[str, Any] = {
     "oracle": "reference/oracles.py:reports_once_per_command",
     "meaning": "There is one for each command.",
     "credit": 0.5,
