@@ -138,14 +138,18 @@ def result_rows(
     """
     if not _GROUPS.issubset(compiled(pattern).groupindex):
         raise ValueError("the groups count, mean_ms and max_ms are needed")
-    return {name: _printed_row(output, name, names, pattern) for name in names}
+    rows = {}
+    for name in names:
+        others = list(names)
+        others.remove(name)
+        rows[name] = _printed_row(output, name, others, pattern)
+    return rows
 
 
 def _printed_row(
-    output: Sequence[OutputLine], name: str, names: Sequence[str], pattern: str
+    output: Sequence[OutputLine], name: str, others: Sequence[str], pattern: str
 ) -> ResultRow | None:
     """Return the results of a thing, by the pattern or in another form; a name spelt otherwise is tried last."""
-    others = [other for other in names if other != name]
     for loosely in (False, True):
         found = _by_pattern(output, name, pattern, loosely=loosely)
         if found is None:
@@ -159,7 +163,9 @@ def _by_pattern(
     output: Sequence[OutputLine], name: str, pattern: str, *, loosely: bool
 ) -> ResultRow | None:
     """Return the numbers of the first line that names a thing and matches the pattern."""
-    lines = [line.text[:LINE_LIMIT] for line in output]
+    lines = []
+    for line in output:
+        lines.append(line.text[:LINE_LIMIT])
     for place in lines_naming(lines, name, loosely=loosely):
         match = search(pattern, plain_numbers(lines[place]))
         if match:
