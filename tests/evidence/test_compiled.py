@@ -6,11 +6,12 @@ import pytest
 
 from grader.evidence.compiled import (
     missing_here,
+    package_of,
     unbuilt_program_for,
     unbuilt_programs,
     why_not_built,
 )
-from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
+from grader.recording.submission import ArtifactFact, BuildFact, PackageFact, SubmissionRecord
 from tests.synthetic import submission
 
 SCRIPT = """\
@@ -45,6 +46,7 @@ def handed_in(build: BuildFact | None = None) -> SubmissionRecord:
         (None, True),
         (BuildFact("arm", "arm", "not built", "no tool"), True),
         (BuildFact("arm", "arm", "failed", output=LACKS.format(name="rclcpp")), True),
+        (BuildFact("arm", "arm", "failed", output="Could NOT find OpenSSL, try"), True),
         (BuildFact("arm", "arm", "failed", output="error: x"), False),
         (BuildFact("arm", "arm", "built"), False),
     ],
@@ -91,3 +93,14 @@ def test_a_program_with_the_name_of_another_artifact_is_no_substitute() -> None:
 def test_without_compiled_programs_nothing_is_open() -> None:
     """A submission in Python alone has no excuse for a missing file."""
     assert unbuilt_program_for(submission(), "talker.py") == ""
+
+
+def test_a_source_belongs_to_the_innermost_package() -> None:
+    """The package around a C++ file compiles it; a Python file has no such package."""
+    record = handed_in()
+    inner = PackageFact("inner", "arm/inner", "ament_cmake")
+    record.packages.append(inner)
+    found = package_of(record, ArtifactFact("a", "a.cpp", "arm/inner/src/a.cpp"))
+    assert found == inner
+    assert package_of(record, ArtifactFact("a", "a.py", "arm/inner/a.py")) is None
+    assert package_of(record, ArtifactFact("a", "a.cpp", "a.cpp")) is None
