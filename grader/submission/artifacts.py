@@ -421,14 +421,16 @@ def _by_entry_point(
 
     The name of the file does not count.
     """
+    if executable is None:
+        return None
     files = {file.path for file in record.files}
     for package in packages:
-        target = package.executables.get(executable or "", "")
+        target = package.executables.get(executable, "")
         module = PurePosixPath(package.path) / target.partition(":")[0].replace(".", "/")
         path = f"{module}.py" if ":" in target else target
         if path in record.texts:
             return path
-        source = compiled_programs(package, record.texts).get(executable or "", "")
+        source = compiled_programs(package, record.texts).get(executable)
         if source in files:
             return source
     return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from grader.evidence.compiled import (
@@ -12,7 +14,10 @@ from grader.evidence.compiled import (
     why_not_built,
 )
 from grader.recording.submission import ArtifactFact, BuildFact, PackageFact, SubmissionRecord
-from tests.synthetic import submission
+from grader.result import Outcome
+from tests.synthetic import Session, judged, submission
+
+OFFERED = {"artifact": "it", "service": "/enable", "type": "std_srvs/srv/SetBool"}
 
 SCRIPT = """\
 find_package(rclcpp REQUIRED)
@@ -104,3 +109,46 @@ def test_a_source_belongs_to_the_innermost_package() -> None:
     assert found == inner
     assert package_of(record, ArtifactFact("a", "a.py", "arm/inner/a.py")) is None
     assert package_of(record, ArtifactFact("a", "a.cpp", "a.cpp")) is None
+
+
+@pytest.mark.parametrize(
+    ("packages", "build", "outcome", "words"),
+    [
+        (True, None, Outcome.INCONCLUSIVE, "the grading computer lacks colcon"),
+        (True, "failed", Outcome.FAILED, "expected ';'"),
+        (False, None, Outcome.FAILED, "is not in a package"),
+    ],
+)
+def test_an_artifact_in_c_that_was_not_compiled(
+    packages: bool, build: str | None, outcome: Outcome, words: str
+) -> None:
+    """A source without a program is a fault of the student's, unless only this machine could not build it."""
+    record = handed_in()
+    record.artifacts = [ArtifactFact("it", "it.c", "arm/it.c", "name")]
+    if not packages:
+        record.packages = []
+    if build is not None:
+        output = "/ws/src/arm/it.c:3:9: error: expected ';' before '}' token\n"
+        record.builds = [BuildFact("arm", "arm", build, output=output)]
+    finding = judged("service_offered", OFFERED, None, record)
+    assert finding.outcome is outcome
+    assert words in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("installed", "path", "is_measured"),
+    [
+        (["lib/arm/talker"], "arm/src/talker.cpp", True),
+        (["lib/arm/listener"], "arm/src/talker.cpp", False),
+        (["lib/arm/a_node"], "arm/src/a.cpp", True),
+        (["bin/talker"], "arm/src/talker.cpp", False),
+    ],
+)
+def test_a_compiled_program_has_to_be_installed(
+    tmp_path: Path, installed: list[str], path: str, is_measured: bool
+) -> None:
+    """A built program is judged by the graph like one in Python, unless `ros2 run` surely does not find it."""
+    record = handed_in(BuildFact("arm", "arm", "built", installed=installed))
+    record.artifacts = [ArtifactFact("it", "it.cpp", path, "name")]
+    finding = judged("service_offered", OFFERED, Session(tmp_path), record)
+    assert ("installs no program" not in finding.reason) == is_measured

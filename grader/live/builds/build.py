@@ -39,17 +39,19 @@ _BEGINS = re.compile(r"^Starting >>> (\S+)\s*$")
 _ENDS = re.compile(r"^(Finished|Failed|Aborted)\s+<<< (\S+) \[")
 #: Beginnings of files that the system can start: a script, a program of Linux.
 _STARTED = (b"#!", b"\x7fELF")
-#: Lines of setuptools and colcon without a problem in them.
+#: Lines of setuptools, colcon, CMake and make without a problem in them.
 _NOISE = re.compile(
     r"(running|creating|copying|writing|reading|Copying|Installing|adding|removing) "
+    r"|-- |\[ *\d+%\] |Built target |(Listing|Compiling) '"
     r"|.*(byte-compiling is disabled|doesn't contain any 'local_setup)|\s*$"
 )
-#: Build type with CMake, its package of ROS, and the commands that it needs.
+#: Build type with CMake and its package of ROS.
 _AMENT_CMAKE = "ament_cmake"
-#: Folder of the packages of ROS that are here.
+#: Folder of the installed packages of ROS.
 _PACKAGES = Path(sys.prefix, "share")
+#: Commands of a build with CMake.
 _CMAKE_TOOLS = ("cmake", "make", "cc", "c++")
-#: Header of the package libssl-dev, for which CMake looks because of Fast DDS.
+#: Header of libssl-dev; the CMake files of Fast DDS need it.
 _OPENSSL = Path("/usr/include/openssl/ssl.h")
 
 

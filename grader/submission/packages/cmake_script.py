@@ -105,8 +105,9 @@ def compiled_executables(text: str, package: str) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for name, words in commands_of(text, package):
-        if name in _COMPILING and words:
-            found.setdefault(words[0], _first_source(words[1:]))
+        if name in _COMPILING:
+            for executable in words[:1]:
+                found.setdefault(executable, _first_source(words[1:]))
         elif name == "rclcpp_components_register_node":
             for word, following in pairwise(words):
                 if word == "EXECUTABLE":
