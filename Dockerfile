@@ -4,7 +4,7 @@ FROM debian:bookworm-slim
 
 RUN apt-get update \
  && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
-      bubblewrap ca-certificates g++ gcc git libc6-dev python3 python3-dev python3-venv util-linux \
+      bubblewrap ca-certificates cmake g++ gcc git libc6-dev libssl-dev make python3 python3-dev python3-venv util-linux \
  && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/grader

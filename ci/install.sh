@@ -14,7 +14,7 @@ as_root() { if [[ $(id -u) == 0 ]]; then "$@"; else sudo -- "$@"; fi; }
 
 as_root apt-get update -qq
 as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends \
-  bubblewrap util-linux python3 python3-venv gcc g++ libc6-dev python3-dev >/dev/null
+  bubblewrap cmake g++ gcc libc6-dev libssl-dev make python3 python3-dev python3-venv util-linux >/dev/null
 python3 -I -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
   echo "install.sh: the grader needs Python 3.11 or newer, and here is $(python3 -I -V)." >&2
   echo "  Choose Ubuntu 24.04 or Debian 12, or a newer one." >&2

@@ -6,7 +6,7 @@ import random
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -38,6 +38,7 @@ from grader.live.sandbox.environment import (
 )
 from grader.live.sandbox.probing import require
 from grader.live.session.built import note_installed
+from grader.live.session.program import StudentProgram
 from grader.live.session.runner import Progress, SessionRunner, given_in_steps
 from grader.live.session.scheduler import LocalScheduler, Scheduler
 from grader.live.session.stage import stage
@@ -268,6 +269,7 @@ class Grading:
                 local = LocalScheduler(self.options.interpreter, self.options.jobs)
                 scheduler = stack.enter_context(local)
             sessions = self._sessions(chosen, scheduler, stack)
+            chosen = self._startable(chosen, sessions.programs)
             judge = _Judge(self.recordings, self.rubric, self.options.overrides)
             judge.prepare_later()
             if self.options.scope is not Scope.UNDECIDED:
@@ -300,12 +302,12 @@ class Grading:
         self._build_packages(isolation, scheduler, prefixes)
         if self.options.scope is not Scope.UNDECIDED:
             self._begin_recordings()
-        executables = self._stage(staged, scheduler, prefixes)
+        programs = self._stage(staged, scheduler, prefixes)
         return SessionRunner(
             rubric=self.rubric,
             submission=self.submission,
             staged=staged,
-            executables=executables,
+            programs=programs,
             recordings=self.recordings,
             isolation=isolation,
             interpreter=self.options.interpreter,
@@ -317,6 +319,15 @@ class Grading:
             interfaces=interfaces,
             lacking=lacking,
         )
+
+    def _startable(self, chosen: Sequence[str], programs: Collection[str]) -> list[str]:
+        """Return the sessions with a first program; a compiled one that was not built cannot be started."""
+        found = []
+        for name in chosen:
+            first = self.rubric.sessions[name].needs[:1]
+            if set(programs).issuperset(first):
+                found.append(name)
+        return found
 
     def _isolation(self, scheduler: Scheduler) -> Isolation:
         with self.watch.stage("testing the sandbox"):
@@ -400,7 +411,9 @@ class Grading:
         replace_files(rubric_files(recordings, rubric))
         replace_files({recordings / EARLIER_FILE: self.before})
 
-    def _stage(self, staged: Path, scheduler: Scheduler, prefixes: Path) -> dict[str, str]:
+    def _stage(
+        self, staged: Path, scheduler: Scheduler, prefixes: Path
+    ) -> dict[str, StudentProgram]:
         python = str(self.options.interpreter)
         staging = partial(
             stage, self.folder, self.submission, self.rubric, staged, python, prefixes

@@ -12,7 +12,7 @@ from typing import Any
 from grader.evidence.bounds import Interval
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
-from grader.evidence.crash.diagnosis import explain
+from grader.evidence.crash.diagnosis import ended_by_signal, explain
 from grader.evidence.crash.hang import hang_of
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
@@ -124,8 +124,10 @@ class Context:
         return replace(part, causes=(*part.causes, cause))
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
-        """Explain why a process ended or misbehaved, from its output."""
+        """Explain why a process ended or misbehaved, from its output and its exit status."""
         found = explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
+        if found is None:
+            found = ended_by_signal(run)
         if found is None or found.file is None:
             return found
         return corrected(found, self.submission.texts)

@@ -39,6 +39,7 @@ class PackageBuilds(Parameters):
     declared dependencies, and a submission without folders made by colcon. A part with weight 0 is not judged.
     """
 
+    of_session = False
     example: ClassVar = {"executables": ["talker"], "files": ["launch/*"]}
     of_session = False
 

@@ -9,7 +9,13 @@ from typing import Any
 from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
 from grader.checks.situation import Measurement, Situation
-from grader.evidence.compiled import unbuilt_program_for
+from grader.evidence.build_faults import build_fault, executables_in
+from grader.evidence.compiled import (
+    not_assessable,
+    package_of,
+    unbuilt_program_for,
+    why_not_built,
+)
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
@@ -19,7 +25,9 @@ from grader.evidence.source_causes import OTHER_DOMAIN, silent_cause
 from grader.evidence.text.starter import untouched
 from grader.lab.references import Sought
 from grader.recording.session import Claim, ProcessRun
+from grader.recording.submission import ArtifactFact, BuildFact, PackageFact
 from grader.result import Finding, Location, Outcome
+from grader.submission.packages.compiled import compiled_programs, is_compiled_source
 
 #: Reason, hint and locations.
 Explanation = tuple[str, str, tuple[Location, ...]]
@@ -34,11 +42,14 @@ def missing_file(measurement: Measurement) -> Finding | None:
 def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
     """State that an artifact's file is missing, and why one of its name was not extracted.
 
-    A compiled program that cannot be built here leaves the check to a person. None if the file is there.
+    A compiled program that cannot be built here leaves the check to a person. None if the file is there, and is built
+    if it has to be.
     """
-    if artifact is None or context.path_of(artifact) is not None:
+    if artifact is None:
         return None
     fact = context.submission.artifact(artifact)
+    if fact is not None and fact.path is not None:
+        return _unbuilt(context, fact)
     name = fact.expected if fact else artifact
     unbuilt = unbuilt_program_for(context.submission, name)
     if unbuilt:
@@ -50,6 +61,48 @@ def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
             reason += f" Left out was {note}."
             break
     return failed(f"a file {name}", "no such file", reason, hint=f"Hand in a file named {name}.")
+
+
+def _unbuilt(context: Context, artifact: ArtifactFact) -> Finding | None:
+    """State that an artifact's file was not compiled; None if it was, or if Python runs it."""
+    path = artifact.path or ""
+    if not is_compiled_source(path):
+        return None
+    expected = f"a program built from {path}"
+    package = package_of(context.submission, artifact)
+    if package is None:
+        hint = "Hand it in with package.xml and CMakeLists.txt."
+        reason = f"{path} is not in a package, so that `colcon build` does not compile it."
+        return failed(expected, "no package", reason, hint=hint, where=(Location(file=path),))
+    build = context.submission.build_of(package)
+    if why_not_built(build):
+        reason = not_assessable(context.submission, package, path)
+        return inconclusive(expected, "a compiled program", reason, retry=False)
+    assert build is not None
+    fault = build_fault(package, build, context.submission.texts)
+    if fault is not None:
+        where = (Location(file=fault.file, line=fault.line),)
+        return failed(expected, "it does not build", fault.message, hint=fault.remedy, where=where)
+    return _uninstalled(context, package, build, path)
+
+
+def _uninstalled(
+    context: Context, package: PackageFact, build: BuildFact, path: str
+) -> Finding | None:
+    """State that a package compiles a source and does not install the program; None if it may do so."""
+    installed = executables_in(build)
+    programs = compiled_programs(package, context.submission.texts)
+    names = {name for name, source in programs.items() if source == path}
+    if not names:
+        names = installed
+    if not names.isdisjoint(installed):
+        return None
+    name = min(names, default="PROGRAM")
+    reason = f"The package {package.name} installs no program from {path}, so that `ros2 run` finds none."
+    hint = f"Add install(TARGETS {name} DESTINATION lib/${{PROJECT_NAME}}) to CMakeLists.txt."
+    script = f"{package.path}/CMakeLists.txt".lstrip("/")
+    expected = f"a program built from {path}"
+    return failed(expected, "it is not installed", reason, hint=hint, where=(Location(script),))
 
 
 def proof(context: Context, p: Any) -> tuple[Location, ...]:

@@ -25,7 +25,7 @@ from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.lab.steps.wait_for import WaitForResult
-from grader.live.builds.build import can_build
+from grader.live.builds.build import can_build, lacking_compiler
 from grader.live.builds.colcon import lacking_builder
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.sandbox.environment import ask_interpreter, require_platform
@@ -210,8 +210,7 @@ def _toolchain() -> Status:
 def _builder(isolation: Isolation) -> Status:
     """Examine whether the packages of students can be built."""
     if can_build(isolation):
-        found = "colcon and a sandbox are here, for packages of students"
-        return Status(Verdict.PASS, "packages", found)
+        return _compiler()
     lacks = lacking_builder()
     if lacks:
         found = f"not here: {lacks}"
@@ -220,6 +219,17 @@ def _builder(isolation: Isolation) -> Status:
         found = "the sandbox here has no namespaces, in which colcon would be confined"
         remedy = "Install bubblewrap, and run as root or with user namespaces"
     remedy += "; until then, setup.py and CMakeLists.txt are read without being run."
+    return Status(Verdict.WARNING, "packages", found, remedy)
+
+
+def _compiler() -> Status:
+    """Examine whether packages in C and C++ can be built too."""
+    found = "colcon and a sandbox are here, for packages of students"
+    lacks = lacking_compiler()
+    if not lacks:
+        return Status(Verdict.PASS, "packages", found)
+    remedy = "sudo apt-get install cmake g++ gcc libssl-dev make; pip install ros-jazzy-ament-cmake"
+    found += f"; for those of ament_cmake, this machine lacks {lacks}"
     return Status(Verdict.WARNING, "packages", found, remedy)
 
 

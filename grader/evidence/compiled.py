@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from pathlib import PurePosixPath
 
-from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
-from grader.submission.packages.cmake_script import compiled_executables
+from grader.recording.submission import ArtifactFact, BuildFact, PackageFact, SubmissionRecord
+from grader.submission.packages.compiled import compiled_programs, is_compiled_source
 
-_MISSING = re.compile(r'package\s+configuration\s+file\s+provided\s+by\s+"([\w-]{1,100})"')
+_MISSING = re.compile(
+    r'package\s+configuration\s+file\s+provided\s+by\s+"([\w-]{1,100})"'
+    r"|Could NOT find ([\w-]{1,100})"
+)
 #: Endings of launch files, which no compiler makes.
 _LAUNCH = re.compile(r"launch\.(py|xml|ya?ml)$")
 
@@ -17,7 +21,9 @@ def missing_here(build: BuildFact) -> str:
     if build.outcome != "failed":
         return ""
     match = _MISSING.search(build.output)
-    return match[1] if match is not None else ""
+    if match is None:
+        return ""
+    return match[1] or match[2]
 
 
 def why_not_built(build: BuildFact | None) -> str:
@@ -38,10 +44,21 @@ def unbuilt_programs(submission: SubmissionRecord) -> dict[str, PackageFact]:
     for package in submission.packages:
         if not why_not_built(submission.build_of(package)):
             continue
-        path = f"{package.path}/CMakeLists.txt".lstrip("/")
-        for name in compiled_executables(submission.texts.get(path, ""), package.name):
+        for name in compiled_programs(package, submission.texts):
             found[name] = package
     return found
+
+
+def package_of(submission: SubmissionRecord, artifact: ArtifactFact) -> PackageFact | None:
+    """Return the package that compiles an artifact's file; None for other files."""
+    path = artifact.path or ""
+    if not is_compiled_source(path):
+        return None
+    owners = []
+    for package in submission.packages:
+        if PurePosixPath(path).is_relative_to(package.path):
+            owners.append(package)
+    return max(owners, key=lambda package: len(package.path), default=None)
 
 
 def not_assessable(submission: SubmissionRecord, package: PackageFact, program: str) -> str:

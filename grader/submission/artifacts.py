@@ -17,6 +17,7 @@ from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
 from grader.submission.file_names import TEXT_SUFFIXES, displayed
 from grader.submission.packages.colcon import find_packages
+from grader.submission.packages.compiled import compiled_programs
 from grader.submission.submission_time import set_submission_time
 
 #: Largest text that is read.
@@ -74,7 +75,7 @@ def _artifacts(record: SubmissionRecord, rubric: Rubric) -> list[ArtifactFact]:
         fact.bonus = fact.name in rubric.bonus_artifacts
         if fact.path is None:
             executable = rubric.artifacts[fact.name].executable
-            fact.path = _by_entry_point(executable, packages, record.texts)
+            fact.path = _by_entry_point(executable, packages, record)
             if fact.path is not None:
                 fact.found_by = "near miss"
         if fact.path is not None or not fact.bonus:
@@ -414,15 +415,24 @@ def by_pattern(name: str, spec: ArtifactSpec, paths: Sequence[PurePosixPath]) ->
 
 
 def _by_entry_point(
-    executable: str | None, packages: list[PackageFact], texts: dict[str, str]
+    executable: str | None, packages: list[PackageFact], record: SubmissionRecord
 ) -> str | None:
-    """Return the file that a package runs as an executable with the artifact's name, regardless of the file's name."""
+    """Return the file that a package runs, or compiles, as an executable with the artifact's name.
+
+    The name of the file does not count.
+    """
+    if executable is None:
+        return None
+    files = {file.path for file in record.files}
     for package in packages:
-        target = package.executables.get(executable or "", "")
+        target = package.executables.get(executable, "")
         module = PurePosixPath(package.path) / target.partition(":")[0].replace(".", "/")
         path = f"{module}.py" if ":" in target else target
-        if path in texts:
+        if path in record.texts:
             return path
+        source = compiled_programs(package, record.texts).get(executable)
+        if source in files:
+            return source
     return None
 
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from grader.evidence.compiled import (
     missing_here,
+    package_of,
     unbuilt_program_for,
     unbuilt_programs,
     why_not_built,
 )
-from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
-from tests.synthetic import submission
+from grader.recording.submission import ArtifactFact, BuildFact, PackageFact, SubmissionRecord
+from grader.result import Outcome
+from tests.synthetic import Session, judged, submission
+
+OFFERED = {"artifact": "it", "service": "/enable", "type": "std_srvs/srv/SetBool"}
 
 SCRIPT = """\
 find_package(rclcpp REQUIRED)
@@ -45,6 +51,7 @@ def handed_in(build: BuildFact | None = None) -> SubmissionRecord:
         (None, True),
         (BuildFact("arm", "arm", "not built", "no tool"), True),
         (BuildFact("arm", "arm", "failed", output=LACKS.format(name="rclcpp")), True),
+        (BuildFact("arm", "arm", "failed", output="Could NOT find OpenSSL, try"), True),
         (BuildFact("arm", "arm", "failed", output="error: x"), False),
         (BuildFact("arm", "arm", "built"), False),
     ],
@@ -91,3 +98,57 @@ def test_a_program_with_the_name_of_another_artifact_is_no_substitute() -> None:
 def test_without_compiled_programs_nothing_is_open() -> None:
     """A submission in Python alone has no excuse for a missing file."""
     assert unbuilt_program_for(submission(), "talker.py") == ""
+
+
+def test_a_source_belongs_to_the_innermost_package() -> None:
+    """The package around a C++ file compiles it; a Python file has no such package."""
+    record = handed_in()
+    inner = PackageFact("inner", "arm/inner", "ament_cmake")
+    record.packages.append(inner)
+    found = package_of(record, ArtifactFact("a", "a.cpp", "arm/inner/src/a.cpp"))
+    assert found == inner
+    assert package_of(record, ArtifactFact("a", "a.py", "arm/inner/a.py")) is None
+    assert package_of(record, ArtifactFact("a", "a.cpp", "a.cpp")) is None
+
+
+@pytest.mark.parametrize(
+    ("packages", "build", "outcome", "words"),
+    [
+        (True, None, Outcome.INCONCLUSIVE, "the grading computer lacks colcon"),
+        (True, "failed", Outcome.FAILED, "expected ';'"),
+        (False, None, Outcome.FAILED, "is not in a package"),
+    ],
+)
+def test_an_artifact_in_c_that_was_not_compiled(
+    packages: bool, build: str | None, outcome: Outcome, words: str
+) -> None:
+    """A source without a program is a fault of the student's, unless only this machine could not build it."""
+    record = handed_in()
+    record.artifacts = [ArtifactFact("it", "it.c", "arm/it.c", "name")]
+    if not packages:
+        record.packages = []
+    if build is not None:
+        output = "/ws/src/arm/it.c:3:9: error: expected ';' before '}' token\n"
+        record.builds = [BuildFact("arm", "arm", build, output=output)]
+    finding = judged("service_offered", OFFERED, None, record)
+    assert finding.outcome is outcome
+    assert words in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("installed", "path", "is_measured"),
+    [
+        (["lib/arm/talker"], "arm/src/talker.cpp", True),
+        (["lib/arm/listener"], "arm/src/talker.cpp", False),
+        (["lib/arm/a_node"], "arm/src/a.cpp", True),
+        (["bin/talker"], "arm/src/talker.cpp", False),
+    ],
+)
+def test_a_compiled_program_has_to_be_installed(
+    tmp_path: Path, installed: list[str], path: str, is_measured: bool
+) -> None:
+    """A built program is judged by the graph like one in Python, unless `ros2 run` surely does not find it."""
+    record = handed_in(BuildFact("arm", "arm", "built", installed=installed))
+    record.artifacts = [ArtifactFact("it", "it.cpp", path, "name")]
+    finding = judged("service_offered", OFFERED, Session(tmp_path), record)
+    assert ("installs no program" not in finding.reason) == is_measured

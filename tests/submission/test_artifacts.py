@@ -354,3 +354,26 @@ def test_a_notebook_is_named(tmp_path: Path) -> None:
     with pytest.raises(SubmissionError, match=r"in a notebook, lab09\.ipynb") as raised:
         read_submission_folder(tmp_path, read_rubric(None))
     assert "Hand in the programs as files: joint_publisher.py, " in raised.value.remedy
+
+
+def test_a_compiled_executable_stands_for_an_artifact(tmp_path: Path, rubric: Rubric) -> None:
+    """The source of an executable with the artifact's name is its file, in any language; it must be there."""
+    manifest = (
+        "<package><name>arm</name><export><build_type>ament_cmake</build_type></export></package>"
+    )
+    script = (
+        "add_executable(joint_publisher src/helper.hpp src/main.cpp)\n"
+        "add_executable(robot_service src/missing.cpp)\n"
+    )
+    files = {
+        "arm/package.xml": manifest,
+        "arm/CMakeLists.txt": script,
+        "arm/src/main.cpp": "int main() {}",
+        "arm/robot_launch.py": "",
+    }
+    for path, text in files.items():
+        (tmp_path / "ann" / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "ann" / path).write_text(text)
+    paths = found(read_submission_folder(tmp_path / "ann", rubric))
+    assert paths["publisher"] == "arm/src/main.cpp"
+    assert paths["service"] is None

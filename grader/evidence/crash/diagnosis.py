@@ -22,6 +22,10 @@ from grader.evidence.crash.tracebacks import (
 from grader.recording.session import OutputLine, ProcessRun
 
 _KILLED = (-9, 137)
+#: Exit statuses of a sandbox above this one name the signal that ended its program.
+_SIGNALLED = 128
+#: Characters of a line of output that are quoted.
+_LONGEST_QUOTE = 200
 #: Message of pybind11 about a signal's exception while it converts an argument.
 HIT_IN_A_CALL = "Unable to convert call argument"
 #: Causes of errors in a program that uses rclpy or a node after its shutdown.
@@ -119,6 +123,29 @@ def _can_follow_stop(exception: Raised) -> bool:
     if HIT_IN_A_CALL in exception.message:
         return True
     return cause_of(exception, ()).kind in _AFTER_SHUTDOWN
+
+
+def ended_by_signal(run: ProcessRun) -> Diagnosis | None:
+    """Return the diagnosis of a process that a signal of its own ended; None for another end.
+
+    Such a signal ends compiled programs, and Python in a compiled module. The status of a program in a sandbox is 128
+    and the number of the signal.
+    """
+    if run.exit_status is None or run.limit is not None:
+        return None
+    if not run.ended_unasked or run.ended_by != "itself":
+        return None
+    number = -run.exit_status
+    if run.exit_status > _SIGNALLED:
+        number = run.exit_status - _SIGNALLED
+    if number not in table()["signals"]:
+        return None
+    name, remedy = table()["signals"][number]
+    problem = f"The program ended by signal {number} ({name})."
+    written = [line.text.strip() for line in plain_lines(run.output) if line.text.strip()]
+    if written:
+        problem += f" The last line of its output is {written[-1][:_LONGEST_QUOTE]!r}."
+    return Diagnosis("signal", problem, remedy, subject=name)
 
 
 def ended_by_limit(run: ProcessRun) -> bool:

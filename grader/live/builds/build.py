@@ -39,13 +39,20 @@ _BEGINS = re.compile(r"^Starting >>> (\S+)\s*$")
 _ENDS = re.compile(r"^(Finished|Failed|Aborted)\s+<<< (\S+) \[")
 #: Beginnings of files that the system can start: a script, a program of Linux.
 _STARTED = (b"#!", b"\x7fELF")
-#: Lines of setuptools and colcon without a problem in them.
+#: Lines of setuptools, colcon, CMake and make without a problem in them.
 _NOISE = re.compile(
     r"(running|creating|copying|writing|reading|Copying|Installing|adding|removing) "
+    r"|-- |\[ *\d+%\] |Built target |(Listing|Compiling) '"
     r"|.*(byte-compiling is disabled|doesn't contain any 'local_setup)|\s*$"
 )
-#: Build type -> package of ROS that it needs.
-_BUILD_TOOLS = {"ament_cmake": "ament_cmake_core"}
+#: Build type with CMake and its package of ROS.
+_AMENT_CMAKE = "ament_cmake"
+#: Folder of the installed packages of ROS.
+_PACKAGES = Path(sys.prefix, "share")
+#: Commands of a build with CMake.
+_CMAKE_TOOLS = ("cmake", "make", "cc", "c++")
+#: Header of libssl-dev; the CMake files of Fast DDS need it.
+_OPENSSL = Path("/usr/include/openssl/ssl.h")
 
 
 def build_packages(
@@ -90,19 +97,23 @@ def can_build(isolation: Isolation) -> bool:
     return isolation.namespaces and not colcon.lacking_builder()
 
 
-def _is_here(package: str) -> bool:
-    """Return whether a package of ROS is installed here."""
-    return Path(sys.prefix, "share", package).is_dir()
+def lacking_compiler() -> str:
+    """Name the missing parts of a build with CMake; empty if this machine has all."""
+    missing = [tool for tool in _CMAKE_TOOLS if find_tool(tool) is None]
+    if not _OPENSSL.is_file():
+        missing.append("libssl-dev")
+    if not (_PACKAGES / _AMENT_CMAKE).is_dir():
+        missing.append(_AMENT_CMAKE)
+    return ", ".join(missing)
 
 
 def _without_tool(submission: SubmissionRecord) -> list[PackageFact]:
-    """Return the packages of a build type whose tool is missing here."""
+    """Return the packages of a build type whose tools are missing here."""
+    if not lacking_compiler():
+        return []
     missing = []
     for package in submission.packages:
-        tool = _BUILD_TOOLS.get(package.build_type)
-        if tool is None or _is_here(tool):
-            continue
-        if not _lacks_script(package, submission):
+        if package.build_type == _AMENT_CMAKE and not _lacks_script(package, submission):
             missing.append(package)
     return missing
 
@@ -116,7 +127,7 @@ def _lacks_script(package: PackageFact, submission: SubmissionRecord) -> bool:
 
 
 def _lacks_tool(package: PackageFact) -> BuildFact:
-    reason = f"the grading computer lacks {package.build_type}, which builds it"
+    reason = f"the grading computer lacks {lacking_compiler()}, which builds it"
     return BuildFact(package.name, package.path, "not built", reason)
 
 
@@ -139,9 +150,10 @@ def _key(packages: Iterable[PackageFact], sources: Mapping[str, str]) -> str:
     """Return a hash of everything on which the outcome depends."""
     named = [(package.name, package.path) for package in packages]
     how = []
-    for module in (__file__, colcon.__file__):
-        how.append(Path(module).read_text(encoding="utf-8"))
-    whole = json.dumps([named, sorted(sources.items()), colcon.builder_versions(), how])
+    for file in (Path(__file__), Path(colcon.__file__), *colcon.INSIDE_FOLDER.iterdir()):
+        how.append(file.read_text(encoding="utf-8"))
+    here = sorted(path.name for path in _PACKAGES.iterdir())
+    whole = json.dumps([named, sorted(sources.items()), colcon.builder_versions(), here, how])
     return hashlib.sha256(whole.encode("utf-8", "surrogateescape")).hexdigest()
 
 

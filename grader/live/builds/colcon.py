@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -35,7 +36,10 @@ _PARTS = {
     "setuptools": "setuptools",
 }
 #: Distributions on which the outcome of a build depends.
-_VERSIONS = (*_PARTS, "ros-jazzy-rclpy", "ros-ament-cmake-core")
+_VERSIONS = (*_PARTS, "ros-jazzy-rclpy", "ros-jazzy-ament-cmake", "ros-jazzy-ament-package")
+#: Folder of the file that CMake reads in each project, here and as a build sees it.
+INSIDE_FOLDER = Path(__file__).parent / "inside"
+_INSIDE = "/building"
 #: Name of the file with the output in the area of temporary files.
 _OUTPUT = "output.txt"
 #: Bytes of the output that are kept from its beginning and from its end.
@@ -95,6 +99,7 @@ def run_colcon(isolation: Isolation, room: StudentRoom, time_s: float) -> Ran:
 
     The packages lie below `src` in the workspace; each is installed below `install` in a prefix of its name.
     """
+    room = replace(room, tools={**room.tools, _INSIDE: INSIDE_FOLDER})
     seen = room.seen(isolation)
     environment = {
         **ros_environment(Path(sys.prefix)),
@@ -111,6 +116,7 @@ def run_colcon(isolation: Isolation, room: StudentRoom, time_s: float) -> Ran:
     colcon += ["--base-paths", "src", "--executor", "sequential", "--continue-on-error"]
     colcon += ["--event-handlers", "console_direct+"]
     colcon += ["--cmake-args", "-DBUILD_TESTING=OFF"]
+    colcon += [f"-DCMAKE_PROJECT_INCLUDE={_INSIDE}/wheels.cmake"]
     output = f"{seen[TEMPORARY]}/{_OUTPUT}"
     command = ["sh", "-c", _SHELL, "sh", output, *colcon]
     with free_slot() as slot:

@@ -280,8 +280,8 @@ class LaunchRunner:
         """Find an artifact that no entry point runs by its module's name, else the executable of the likest name."""
         plan = self._sandbox.plan
         for artifact, source in plan.sources.items():
-            if Path(source).stem == wanted.removesuffix(".py") and artifact in plan.executables:
-                return plan.staged / plan.executables[artifact]
+            if Path(source).stem == wanted.removesuffix(".py") and artifact in plan.programs:
+                return plan.staged / plan.programs[artifact].path
         meant = _meant(wanted, (path.name for path in folder.iterdir() if path.suffix != ".py"))
         return folder / meant if meant is not None else None
 

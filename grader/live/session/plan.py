@@ -8,6 +8,7 @@ from pathlib import Path
 from confine.isolation import Isolation
 from grader.lab.steps.base import Step
 from grader.live.sandbox.environment import NativeLaunch
+from grader.live.session.program import StudentProgram
 from grader.recording.session import SessionRecord, StepRun
 
 
@@ -16,8 +17,8 @@ class SessionPlan:
     """Everything that the process of a session needs.
 
     The `record` holds facts from before the session, `steps` its steps, each with its entry for the record; the caller
-    removes `scratch`. For each artifact there are the wrapper's path relative to `staged`, and the source's
-    relative to `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
+    removes `scratch`. For each artifact there are the program below `staged`, and the source's path relative to
+    `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
     `expected` are the names of topics, services and nodes that the rubric uses. In the folder `interfaces` are the
     prefixes of packages that were built.
     """
@@ -27,7 +28,7 @@ class SessionPlan:
     folder: Path
     scratch: Path
     staged: Path
-    executables: dict[str, str]
+    programs: dict[str, StudentProgram]
     sources: dict[str, str]
     reference: dict[str, dict[str, str]]
     expected: list[str]

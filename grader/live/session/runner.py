@@ -24,6 +24,7 @@ from grader.live.process.waiting import side_by_side, within
 from grader.live.sandbox.environment import NativeLaunch
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.plan import SessionPlan
+from grader.live.session.program import StudentProgram
 from grader.live.session.scheduler import Slot
 from grader.recording.session import SessionRecord, StepRun
 from grader.recording.submission import SubmissionRecord
@@ -90,7 +91,7 @@ class SessionRunner:
     rubric: Rubric
     submission: SubmissionRecord
     staged: Path
-    executables: dict[str, str]
+    programs: dict[str, StudentProgram]
     recordings: Path
     isolation: Isolation
     interpreter: Path
@@ -165,7 +166,7 @@ class SessionRunner:
             scratch=scratch,
             staged=self.staged.resolve(),
             interfaces=self.interfaces,
-            executables=self.executables,
+            programs=self.programs,
             sources={a.name: a.path for a in self.submission.artifacts if a.path is not None},
             reference={
                 name: {"file": str((self.rubric.folder / ref.file).resolve()), "node": ref.node}

@@ -20,8 +20,11 @@ from pathlib import Path, PurePosixPath
 from grader.lab.rubric import Rubric
 from grader.live.session.built import BuiltPackage, InstalledFile, built_package
 from grader.live.session.entry import function_to_call
+from grader.live.session.program import StudentProgram
 from grader.recording.submission import PackageFact, SubmissionRecord
+from grader.submission.beneath import is_regular_beneath
 from grader.submission.packages.colcon import is_launch_file
+from grader.submission.packages.compiled import compiled_programs, is_compiled_source
 from launch_plan.jazzy import is_released
 
 #: Packages that launch files name literally.
@@ -79,11 +82,11 @@ def stage(
     folder: Path,
     interpreter: str,
     prefixes: Path | None = None,
-) -> dict[str, str]:
+) -> dict[str, StudentProgram]:
     """Make the workspace of a submission's folder with the files listed in `record`.
 
-    Returns for each artifact the path of its program in there. The folder `prefixes` holds the installed files of
-    each built package below the package's name.
+    Returns the program of each artifact; a compiled one that was not built is left out. The folder `prefixes` holds the
+    installed files of each built package below the package's name.
 
     Data may need more room than a session has, once it is installed for each of several packages; then a file that
     is not text is left out. The interpreter is the absolute path of the Python that runs students' code.
@@ -110,8 +113,8 @@ class _Installation:
     #: Source of a module -> installed programs that call it, by their names.
     _installed: dict[str, dict[str, str]] = field(default_factory=lambda: defaultdict(dict))
 
-    def install(self) -> dict[str, str]:
-        """Install everything; returns the artifacts' wrappers."""
+    def install(self) -> dict[str, StudentProgram]:
+        """Install everything; returns the artifacts' programs."""
         packages = self.record.packages or self._packages_of_bare_files()
         for package in packages:
             self._register(package.name)  # before any package installs something in another's place
@@ -124,23 +127,45 @@ class _Installation:
             self._install_wrappers(package)
             if built is None:
                 self._install_data(package)
-        executables = {}
+        programs = {}
         for artifact in self.record.artifacts:
-            if artifact.path is not None:
-                executable = self.rubric.artifacts[artifact.name].executable
-                executables[artifact.name] = self._program(artifact.name, artifact.path, executable)
-        return executables
+            if artifact.path is None:
+                continue
+            executable = self.rubric.artifacts[artifact.name].executable
+            program = self._program(artifact.name, artifact.path, executable)
+            if program is not None:
+                programs[artifact.name] = program
+        return programs
 
-    def _program(self, artifact: str, path: str, executable: str | None) -> str:
-        """Return the installed program that runs an artifact's file, or else a new wrapper."""
+    def _program(self, artifact: str, path: str, executable: str | None) -> StudentProgram | None:
+        """Return the installed program that runs an artifact's file, or else a new wrapper.
+
+        None for the source of a compiled program that was not built.
+        """
+        if is_compiled_source(path):
+            return self._compiled_program(path, executable)
         programs = self._installed.get(path, {})
         if executable in programs:
-            return programs[executable]
+            return StudentProgram(programs[executable])
         if programs:
-            return min(programs.values())
+            return StudentProgram(min(programs.values()))
         relative = f"install/lib/.artifacts/{artifact}"
         _write(self.folder / relative, self._wrapper_of_file(path, executable))
-        return relative
+        return StudentProgram(relative)
+
+    def _compiled_program(self, path: str, executable: str | None) -> StudentProgram | None:
+        """Return the program that was compiled from a source: by the name of the artifact, else by the build file."""
+        candidates = []
+        for package in self.record.packages:
+            if executable is not None and PurePosixPath(path).is_relative_to(package.path):
+                candidates.append(f"install/lib/{package.name}/{executable}")
+            for name, source in compiled_programs(package, self.record.texts).items():
+                if source == path:
+                    candidates.append(f"install/lib/{package.name}/{name}")
+        for program in candidates:
+            if is_regular_beneath(self.folder, program):
+                return StudentProgram(program, is_compiled=True)
+        return None
 
     def _take_room(self, path: Path, size_bytes: int) -> bool:
         """Take the room for a file and the folders that it needs, if there is so much."""

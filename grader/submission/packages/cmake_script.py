@@ -77,19 +77,37 @@ def programs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[dict[
 
 #: Commands that compile an executable; its name is the first word.
 _COMPILING = ("add_executable", "ament_auto_add_executable")
+#: Endings of source files that a compiler reads.
+COMPILED_SUFFIXES = (".c", ".cc", ".cpp", ".cxx")
 
 
-def compiled_executables(text: str, package: str) -> list[str]:
-    """Return the executables that a `CMakeLists.txt` compiles; a name that only CMake can tell has a `$`."""
-    found = []
+def compiled_executables(text: str, package: str) -> dict[str, str]:
+    """Return the executables that a `CMakeLists.txt` compiles, with their first source file.
+
+    A name that only CMake can tell has a `$`. The source is empty if the command names none.
+
+    Examples
+    --------
+    >>> compiled_executables("add_executable(talker src/talker.c src/text.c)", "arm")
+    {'talker': 'src/talker.c'}
+    """
+    found: dict[str, str] = {}
     for name, words in commands_of(text, package):
         if name in _COMPILING:
-            found += words[:1]
+            for executable in words[:1]:
+                found.setdefault(executable, _first_source(words[1:]))
         elif name == "rclcpp_components_register_node":
             for word, following in pairwise(words):
                 if word == "EXECUTABLE":
-                    found.append(following)
+                    found.setdefault(following, "")
     return found
+
+
+def _first_source(words: Sequence[str]) -> str:
+    for word in words:
+        if word.endswith(COMPILED_SUFFIXES):
+            return posixpath.normpath(word)
+    return ""
 
 
 def _installing(name: str, words: list[str]) -> _Command | None:

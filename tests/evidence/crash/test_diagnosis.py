@@ -7,14 +7,15 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from grader.evidence.crash.causes import Diagnosis
-from grader.evidence.crash.diagnosis import advisories, explain
-from grader.recording.session import OutputLine
+from grader.evidence.crash.diagnosis import advisories, ended_by_signal, explain
+from grader.recording.session import OutputLine, ProcessRun
 from tests.thorough import part
 
 NODE_PROPERTIES = (
@@ -748,3 +749,35 @@ def test_real_rclpy_is_understood(tmp_path: Path, body: str, kind: str) -> None:
     if kind != "incompatible-qos":
         assert diagnosis.file == "talker.py"
         assert (diagnosis.line or 0) > NODE.count("\n")
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (139, "ended by signal 11 (segmentation fault). The last line of its output is 'reads'."),
+        (-8, "ended by signal 8 (floating-point exception)"),
+        (137, ""),
+        (130, ""),
+        (1, ""),
+        (0, ""),
+        (None, ""),
+    ],
+)
+def test_a_signal_of_its_own_ends_a_program(status: int | None, words: str) -> None:
+    """Only signals by which a program ends itself are named, in a sandbox and without one."""
+    run = ProcessRun(
+        "it", "student", [], exited_ns=5, exit_status=status, output=lines("a\nreads\n")
+    )
+    found = ended_by_signal(run)
+    assert bool(found) == bool(words)
+    if found is not None:
+        assert words in found.problem
+
+
+@pytest.mark.parametrize(
+    "change", [{"interrupted_ns": 3}, {"limit": "memory"}, {"ended_by": "kill"}]
+)
+def test_a_signal_after_an_interrupt_or_a_limit_explains_nothing(change: dict[str, Any]) -> None:
+    """A crash while a program is stopped, or beyond a limit, has another cause."""
+    run = ProcessRun("it", "student", [], exited_ns=5, exit_status=139, **change)
+    assert ended_by_signal(run) is None

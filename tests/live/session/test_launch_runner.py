@@ -97,12 +97,12 @@ def runner(tmp_path: Path) -> LaunchRunner:
         (tmp_path / "sub" / path).write_text(text, encoding="utf-8")
     record.texts, record.packages = files, find_packages(files, list(files))
     record.artifacts = [ArtifactFact("publisher", "arm_lab/talk.py", "arm_lab/talk.py", "name")]
-    executables = stage(
+    programs = stage(
         tmp_path / "sub", record, read_rubric(None), tmp_path / "staged", sys.executable
     )
     scratch = tmp_path / "scratch"
     plan = SessionPlan(
-        SessionRecord("launch"), [], tmp_path, scratch, tmp_path / "staged", executables, {}, {}, [],
+        SessionRecord("launch"), [], tmp_path, scratch, tmp_path / "staged", programs, {}, {}, [],
         Isolation(Level.NO_CGROUP, Form.ROOT), Path(sys.executable), 0, 0, 60.0,
     )  # fmt: skip
     sandbox = StudentSandbox(plan)

@@ -14,6 +14,7 @@ import pytest
 
 from grader.judging.rubrics import read_rubric
 from grader.live.session.built import note_installed
+from grader.live.session.program import StudentProgram
 from grader.live.session.stage import stage
 from grader.recording.submission import ArtifactFact, BuildFact, FileFact, SubmissionRecord
 from grader.submission.artifacts import decode_text
@@ -30,10 +31,10 @@ SETUP = "from setuptools import setup\nsetup(entry_points={'console_scripts': ['
 
 
 class Workspace(NamedTuple):
-    """A staged submission: its folder, and each artifact's wrapper in there."""
+    """A staged submission: its folder, and each artifact's program in there."""
 
     folder: Path
-    executables: dict[str, str]
+    programs: dict[str, StudentProgram]
 
 
 def staged(folder: Path, files: dict[str, str | bytes], **artifacts: str) -> Workspace:
@@ -63,7 +64,7 @@ def run(path: Path, *arguments: str) -> str:
 
 def wrapper(workspace: Workspace, artifact: str = "publisher") -> Path:
     """Give the wrapper of an artifact."""
-    return workspace.folder / workspace.executables[artifact]
+    return workspace.folder / workspace.programs[artifact].path
 
 
 @pytest.mark.parametrize(
@@ -169,7 +170,7 @@ def test_a_workspace_can_be_moved(tmp_path: Path) -> None:
     workspace = staged(
         tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py"
     )
-    relative = workspace.executables["publisher"]
+    relative = workspace.programs["publisher"].path
     workspace.folder.rename(tmp_path / "moved")
     assert run(tmp_path / "moved" / relative) == "hello __main__ []"
     assert str(tmp_path) not in (tmp_path / "moved" / relative).read_text()
@@ -203,7 +204,7 @@ def test_names_of_executables_cannot_leave_the_prefix(tmp_path: Path) -> None:
     workspace = staged(tmp_path, files)
     for _, _, names in os.walk(tmp_path):
         assert "x" not in names
-    assert workspace.executables == {}
+    assert workspace.programs == {}
 
 
 @pytest.mark.parametrize(
@@ -355,7 +356,7 @@ INSTALLED = {
 def test_a_built_package_runs_from_its_installed_files(tmp_path: Path) -> None:
     """An artifact runs by the installed script, with the students' interpreter; its module is a link to the source."""
     workspace = built_workspace(tmp_path, INSTALLED)
-    assert workspace.executables["publisher"] == "install/lib/arm_lab/talk"
+    assert workspace.programs["publisher"] == StudentProgram("install/lib/arm_lab/talk")
     script = wrapper(workspace).read_text(encoding="utf-8")
     assert script == SCRIPT.replace("/nowhere/bin/python", sys.executable)
     module = workspace.folder / "install" / MODULES / "arm_lab/talk.py"
@@ -366,7 +367,7 @@ def test_a_module_that_the_build_left_out_runs_from_its_source(tmp_path: Path) -
     """A program without its installed module is replaced by a wrapper for an artifact, not for `ros2 run`."""
     installed = {path: text for path, text in INSTALLED.items() if not path.endswith("talk.py")}
     workspace = built_workspace(tmp_path, installed)
-    assert workspace.executables["publisher"] == "install/lib/.artifacts/publisher"
+    assert workspace.programs["publisher"].path == "install/lib/.artifacts/publisher"
     assert run(wrapper(workspace)).startswith("from the package")
     script = workspace.folder / "install/lib/arm_lab/talk"
     assert "EASY-INSTALL" in script.read_text(encoding="utf-8")
@@ -408,3 +409,32 @@ def test_without_a_build_nothing_counts_as_left_out(tmp_path: Path) -> None:
     note_installed(record, tmp_path)
     assert record.packages == before
     assert record.packages[0].shared is None
+
+
+SCRIPT_OF_CMAKE = "project(arm_lab)\nadd_executable(talk src/text.h src/main.c)\n"
+
+
+@pytest.mark.parametrize("installed", [{}, {"lib/arm_lab/talk": "\x7fELF"}])
+def test_a_compiled_program_runs_if_it_was_built(tmp_path: Path, installed: dict[str, str]) -> None:
+    """A source in C has the program that its package compiles from it, and no wrapper of Python."""
+    sources = {
+        "package.xml": MANIFEST.replace("ament_python", "ament_cmake"),
+        "CMakeLists.txt": SCRIPT_OF_CMAKE,
+        "src/main.c": "int main(void) { return 0; }",
+    }
+    write(tmp_path / "submission", sources)
+    write(tmp_path / "prefixes/arm_lab", {"share/arm_lab/package.xml": "", **installed})
+    record = SubmissionRecord("ann", texts=sources)
+    record.artifacts = [ArtifactFact("publisher", "talk.c", "src/main.c", "near miss")]
+    record.packages = find_packages(record.texts, list(sources))
+    record.builds = [BuildFact("arm_lab", "", "built", installed=list(installed))]
+    python = sys.executable
+    prefixes = tmp_path / "prefixes"
+    programs = stage(
+        tmp_path / "submission", record, read_rubric(None), tmp_path / "ws", python, prefixes
+    )
+    assert bool(programs) == bool(installed)
+    if installed:
+        program = programs["publisher"]
+        assert program == StudentProgram("install/lib/arm_lab/talk", is_compiled=True)
+        assert program.command("/ws", Path(python))[-1] == "/ws/install/lib/arm_lab/talk"

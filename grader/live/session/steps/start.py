@@ -19,8 +19,8 @@ async def start(programs: Programs, step: StartStep) -> Answer:
     if step.launch:
         return await programs.launch.start(programs.record.plan)
     artifact = step.student or ""
-    wrapper = programs.plan.executables.get(artifact)
-    if wrapper is None:
+    program = programs.plan.programs.get(artifact)
+    if program is None:
         return Answer("failed", StartResult("missing artifact", artifact=artifact))
     name = step.name or artifact
     if step.if_ended:
@@ -29,7 +29,7 @@ async def start(programs: Programs, step: StartStep) -> Answer:
         assert programs.director is not None
         await programs.director.forget()
     workspace = Path(programs.sandbox.seen[WORKSPACE])
-    command = [str(programs.plan.interpreter), f"{workspace}/{wrapper}"]
+    command = program.command(str(workspace), programs.plan.interpreter)
     arguments = _arguments(programs, step, artifact)
     if arguments:
         command += ["--ros-args", *arguments]
