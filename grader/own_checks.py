@@ -75,6 +75,7 @@ from grader.checks.service import parameter_cause as parameter_cause
 from grader.evidence.bounds import cpu_delay_doubt as cpu_delay_doubt
 from grader.evidence.bounds import without_delay as without_delay
 from grader.evidence.recorded import NumericStream as NumericStream
+from grader.evidence.source_causes import appended_again as appended_again
 from grader.evidence.text.printed import PrintedVector as PrintedVector
 from grader.evidence.text.printed import Report as Report
 from grader.lab.lab_code import API_VERSION as API_VERSION

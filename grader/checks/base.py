@@ -97,7 +97,9 @@ class Context:
 
     def also_under(self, check: str) -> str:
         """Say that a check charges the same mistake."""
-        return f"This mistake is charged under '{self.titles.get(check, check)}', and not again here."
+        return (
+            f"This mistake is charged under '{self.titles.get(check, check)}', and not again here."
+        )
 
     def charge(self, finding: Finding, cause: str | None, by: Iterable[str | None] = ()) -> Finding:
         """Add the cause of its loss to a finding, or excuse the finding if another check has the charge."""

@@ -211,6 +211,20 @@ class _ReadmeFacts:
         mentioned = (1 - run_weight) * len(self.found) / len(self.parts)
         return run_weight * bool(self.run) + mentioned
 
+    def missing(self) -> list[str]:
+        """Return the names of the parts without a mention."""
+        return [part.names[0] for part in self.parts if part not in self.found]
+
+    def hint(self) -> str:
+        """Ask for the missing texts alone."""
+        hints = []
+        if not self.run:
+            hints.append("Give the commands that run the work.")
+        missing = self.missing()
+        if missing:
+            hints.append(f"Add a few words about {', '.join(missing)}.")
+        return " ".join(hints)
+
     def reasons(self) -> list[str]:
         """Say which texts are missing."""
         reasons = []
@@ -218,9 +232,9 @@ class _ReadmeFacts:
             reasons.append(
                 "The grader found no command and no sentence that says how to run the work."
             )
-        missing = [part.names[0] for part in self.parts if part not in self.found]
+        missing = self.missing()
         if missing:
-            reasons.append(f"It found no mention of {', '.join(missing)}.")
+            reasons.append(f"The grader found no mention of {', '.join(missing)}.")
         if reasons and self.hollow:
             reasons.append(f"Nothing of its own stands under {self._listed_hollow()}.")
         return reasons
@@ -263,7 +277,8 @@ def readme(context: Context, p: Readme) -> Finding:
     run = "yes" if facts.run else "not found"
     measured = f"how to run it: {run}; {len(facts.found)} of {len(facts.parts)} parts found"
     reasons = " ".join(facts.reasons())
-    finding = graded(share, expected, measured, reasons, where=where, notes=notes)
+    hint = facts.hint()
+    finding = graded(share, expected, measured, reasons, hint=hint, where=where, notes=notes)
     return replace(finding, counted=facts.counted())
 
 
@@ -415,14 +430,23 @@ class _Explained:
         shares = [_explained_share(units) for units in (self.files, self.inner) if units]
         return sum(shares) / len(shares)
 
+    def counts(self) -> str:
+        """Return the numbers of explained units in words."""
+        files = f"files: {_explained_in(self.files)} of {len(self.files)}"
+        inner = f"classes and functions: {_explained_in(self.inner)} of {len(self.inner)}"
+        return f"{files}; {inner}"
+
     def bare(self) -> list[tuple[str, Unit]]:
         """Return the units without an explanation, and the paths of their files."""
         return [(path, unit) for path, unit in self.units if unit.explained_by is None]
 
 
+def _explained_in(units: Sequence[Unit]) -> int:
+    return sum(unit.explained_by is not None for unit in units)
+
+
 def _explained_share(units: Sequence[Unit]) -> float:
-    explained = sum(unit.explained_by is not None for unit in units)
-    return explained / len(units)
+    return _explained_in(units) / len(units)
 
 
 def code_explained(context: Context, p: CodeExplained) -> Finding:
@@ -430,7 +454,8 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers)
     facts = _sources(context, p.artifacts, rules)
     expected = f"a docstring or a comment explains at least {percent(p.full_from)}: of the files (half), and of classes "
-    expected += f"and functions of {p.function_lines} lines or more (half)"
+    expected += f"and functions with a body of {p.function_lines} lines or more (half); constructors, main and the only "
+    expected += "class of a file do not count"
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
     explained = _units_of(facts, list(map(context.path_of, p.artifacts)))
@@ -438,9 +463,8 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
         return passed(expected, "nothing that needs an explanation")
     share = explained.share()
     bare = explained.bare()
-    count = len(explained.units)
     shown_share = apart(100 * share, 100 * p.full_from, places=0)
-    measured = f"{count - len(bare)} of {count} explained, half by files, half by what is in them: {shown_share}%"
+    measured = f"{explained.counts()}; together {shown_share}%"
     reason = _not_explained(bare, facts)
     where = [Location(file=path, line=unit.line) for path, unit in bare[:_MOST_NAMED]]
     share /= p.full_from
@@ -568,23 +592,31 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     given = _given(context).sentences
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives, given)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
-    measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} different words of the student's own"
+    measured = f"{', '.join(found.discussed) or 'none'} discussed"
     if found.unclear and 2 * len(found.discussed) < p.full_concepts:
         return _unclear(expected, measured, found.unclear)
     if len(found.discussed) < p.least_concepts:
         return _too_little(context, expected, measured, found, p.artifacts)
+    return _judge_discussion(expected, measured, found, p)
+
+
+def _judge_discussion(
+    expected: str, measured: str, found: Discussion, p: ConceptsExplained
+) -> Finding:
+    """Judge the text that was found, and list its places."""
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     if found.related:
         share = 2 / 3 * covered + 1 / 3
     else:
         share = 1 / 3 * covered
-    reasons = _missing_discussion(found, p)
-    where = [] if reasons else _locations(found)
+    reason = " ".join(_missing_discussion(found, p))
+    where = [] if reason else _locations(found)
     notes = []
     for passage in found.strung:
         at = _at(passage.file, passage.line)
         notes.append(f"{FOR_A_PERSON} {at}, seems to be words, not sentences.")
-    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    hint = _discussion_hint(found, p)
+    finding = graded(share, expected, measured, reason, hint=hint, where=where, notes=notes)
     return replace(finding, counted=_counted_concepts(found, p))
 
 
@@ -648,11 +680,24 @@ def _sought(context: Context, artifacts: Sequence[str]) -> str:
     return " ".join(said)
 
 
+def _missing_concepts(found: Discussion, p: ConceptsExplained) -> str:
+    return ", ".join(name for name in p.concepts if name not in found.discussed)
+
+
+def _discussion_hint(found: Discussion, p: ConceptsExplained) -> str:
+    """Ask for the missing concepts if nothing else is missing; empty leaves the hint to the rubric."""
+    if len(found.discussed) >= p.full_concepts or not found.related:
+        return ""
+    lacking = p.full_concepts - len(found.discussed)
+    sentences = "one sentence" if lacking == 1 else f"{lacking} sentences"
+    return f"Add {sentences} in the README about one of these each: {_missing_concepts(found, p)}."
+
+
 def _missing_discussion(found: Discussion, p: ConceptsExplained) -> list[str]:
     """Say which concepts were not recognised, and that no comparison was."""
     reasons = []
     if len(found.discussed) < p.full_concepts:
-        missing = ", ".join(name for name in p.concepts if name not in found.discussed)
+        missing = _missing_concepts(found, p)
         recognised = f"The grader recognised {len(found.discussed)} of {len(p.concepts)} subjects"
         reasons.append(
             f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}."

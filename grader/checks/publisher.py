@@ -225,9 +225,10 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     timers = _timers(context)
     rate_hz = rate.likely(timing.rate_hz)
     shares = _rate_shares(p, rate)
-    change = _change(context, p, published)
-    if change is not None and quantise(change.share(p)) <= quantise(shares.low) < 1:
-        return _changed(context, p, change)
+    change = _change(context, p.topic, published, p.full_within / p.rate_hz)
+    if change is not None and quantise(change.share(p, published)) <= quantise(shares.low) < 1:
+        found = _changed(context, p, change, change.share(p, published))
+        return context.charge(found, _change_cause(p.topic))
     return graded(
         shares.low,
         _expected_rate(p),
@@ -257,9 +258,11 @@ def _shown_rate(
 ) -> str:
     shown_hz = apart(rate_hz, *_around_hz(p, p.full_within), places=2)
     counted = f"{timing.written} messages in {length_s:.1f} s"
+    if rate.method:
+        counted = f"in all, {counted}"
     if len(timing.intervals_s):
         counted += f", the longest interval {timing.intervals_s.max():.2f} s"
-    return f"{shown_hz} Hz ± {max(rate.error, 0.01):.2f} Hz ({counted}){rate.method}"
+    return f"{shown_hz} Hz ± {max(rate.error, 0.01):.2f} Hz{rate.method} ({counted})"
 
 
 def _rate_locations(
@@ -326,15 +329,15 @@ class _Change:
     span: Span
     #: Length of the first part, in s.
     before_s: float
-    #: Highest rate in the second part without the delays of the machine, in Hz.
-    most_hz: float
 
-    def share(self, p: TopicRate) -> float:
+    def share(self, p: TopicRate, published: Publication) -> float:
         """Return the best share of credit that the second part can earn, by its rate or by its usual interval.
 
         A single gap leaves the usual interval as it is, and the rate of the whole window tells of it.
         """
-        rates_hz = (self.after.rate_hz, self.most_hz, 1 / max(self.after.median_s, 1e-9))
+        part = published.part(self.span, self.after)
+        most_hz = bounds.undelayed_rate(part, p.rate_hz).high
+        rates_hz = (self.after.rate_hz, most_hz, 1 / max(self.after.median_s, 1e-9))
         nearest_off = min(abs(rate_hz / p.rate_hz - 1) for rate_hz in rates_hz)
         return ramp(nearest_off, p.full_within, p.zero_beyond)
 
@@ -343,10 +346,10 @@ class _Change:
 _LASTING_S = 1.0
 
 
-def _change(context: Context, p: TopicRate, published: Publication) -> _Change | None:
+def _change(context: Context, topic: str, published: Publication, least_s: float) -> _Change | None:
     """Divide a window where the count of messages departs most from an even one.
 
-    None without two lasting parts of different usual intervals.
+    None without two lasting parts, or if their usual intervals differ by at most a time in s.
     """
     timing = published.timing
     span = published.span
@@ -358,16 +361,14 @@ def _change(context: Context, p: TopicRate, published: Publication) -> _Change |
     second = Span(turn_ns, span.end_ns)
     if min(first.duration_s, second.duration_s) < _LASTING_S:
         return None
-    stream = context.session.stream(p.topic)
+    stream = context.session.stream(topic)
     before = timing_of(stream, first)
     after = timing_of(stream, second)
     if before is None or after is None:
         return None
-    differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > p.full_within
-    if not differs:
+    if abs(after.median_s - before.median_s) <= least_s:
         return None
-    most_hz = bounds.undelayed_rate(published.part(second, after), p.rate_hz).high
-    return _Change(before, after, second, first.duration_s, most_hz)
+    return _Change(before, after, second, first.duration_s)
 
 
 def _turn_ns(timing: Timing) -> int:
@@ -378,17 +379,25 @@ def _turn_ns(timing: Timing) -> int:
     return int(timing.times_ns[int(np.argmax(departures))])
 
 
-def _changed(context: Context, p: TopicRate, change: _Change) -> Finding:
-    """Grade the rate with which a node goes on after a change."""
+def _change_cause(topic: str) -> str:
+    """Name the mistake of a rate that changes, which also makes the intervals uneven."""
+    return f"rate of {topic} changes"
+
+
+def _changed(context: Context, p: TopicRate, change: _Change, share: float) -> Finding:
+    """Grade the rate with which a node goes on after a change, and point at the timers that may set it."""
     before_hz = f"{change.before.rate_hz:.1f} Hz for {change.before_s:.1f} s"
     after_hz = f"{change.after.rate_hz:.1f} Hz"
+    places: list[Location] = []
+    for timer in _timers(context):
+        places += claimed_at(timer)
     return graded(
-        change.share(p),
+        share,
         _expected_rate(p),
         f"{before_hz}, then {after_hz} for {change.span.duration_s:.1f} s",
         f"The rate changes: messages come at {before_hz}, then at {after_hz}.",
-        hint="Publish at the same rate for as long as the node runs.",
-        where=(context.location(p.topic, change.span),),
+        hint="Publish at the same rate for as long as the node runs: make one timer, and keep its period.",
+        where=(*dict.fromkeys(places), context.location(p.topic, change.span)),
         levels=CREDIT_LEVELS,
     )
 
@@ -462,14 +471,24 @@ class TopicJitter(_Timed):
 
 
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
-    """Judge the evenness of intervals between consecutive samples."""
+    """Judge the evenness of intervals between consecutive samples; a change of the rate is a mistake of its own."""
     span = p.span(context)
     published = p.publication(context, span)
-    expected = _expected_jitter(p)
     where = (context.location(p.topic, span),)
     if published is None or not len(published.timing.intervals_s):
         reason = "Too few messages arrived to measure the gaps between them."
-        return unexplained(failed(expected, "too few messages", reason, where=where))
+        return unexplained(failed(_expected_jitter(p), "too few messages", reason, where=where))
+    found = _judge_jitter(p, published, where)
+    if not found.outcome.took_points:
+        return found
+    change = _change(context, p.topic, published, p.full_within_s)
+    if change is None:
+        return found
+    return _uneven_by_change(context, p, found, change)
+
+
+def _judge_jitter(p: TopicJitter, published: Publication, where: tuple[Location, ...]) -> Finding:
+    """Judge a quantile of the intervals' distances from their median."""
     timing = published.timing
     jitter = bounds.gaps(published, p.share, p.full_within_s / 2)
     deviation_s = jitter.nearest(timing.deviation_s(p.share))
@@ -479,7 +498,7 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     shares = jitter.credit(lambda off_s: ramp(off_s, p.full_within_s, p.zero_beyond_s))
     return graded(
         shares.low,
-        expected,
+        _expected_jitter(p),
         _shown_jitter(p, timing, apart(deviation_s * 1e3, *limits_ms, places=2)) + jitter.method,
         f"One gap in {round(1 / (1 - p.share))} is more than {off}.",
         where=where,
@@ -487,6 +506,19 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
         levels=_JITTER_LEVELS,
         doubt=shares.why,
     )
+
+
+def _uneven_by_change(context: Context, p: TopicJitter, found: Finding, change: _Change) -> Finding:
+    """State that a change of the rate makes the intervals uneven: no gap is usual over the whole window."""
+    before = f"{change.before.median_s * 1e3:.1f} ms"
+    after = f"{change.after.median_s * 1e3:.1f} ms"
+    measured = f"usual gaps of {before}, then of {after}"
+    reason = (
+        f"The usual gap changes from {before} to {after}, so no gap is usual over the whole time."
+    )
+    hint = "Keep one rate; the gaps are even then."
+    changed = replace(found, measured=measured, reason=reason, hint=hint)
+    return context.charge(changed, _change_cause(p.topic))
 
 
 def _expected_jitter(p: TopicJitter) -> str:

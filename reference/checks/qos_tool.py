@@ -181,7 +181,7 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: _
         reasons.append(f"{topic} is named {used}; the other checks use that name.")
     share = max(0.0, _share_of(count, p) - cost) * heard
     best = max(0.0, _share_of(undelayed, p) - cost) * heard
-    return Part(share, f"{used} {count}", " ".join(reasons), best)
+    return Part(share, f"{used} {count} published", " ".join(reasons), best)
 
 
 def _share_of(count: float, p: TopicsCarryTraffic) -> float:

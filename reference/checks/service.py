@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field
@@ -100,9 +101,12 @@ class _Gate:
         answers = f"off: {_shown(self.off)}; on again: {_shown(self.on)}"
         return f"{answers}; off from the start: {_shown(self.off_from_start)}"
 
-    def graded(self, share: float, reason: str, hint: str = "") -> Finding:
-        """State a share of credit with its reason."""
-        return graded(share, self.expected, self.measured, reason, hint=hint, where=self.where)
+    def graded(
+        self, share: float, reason: str, hint: str = "", places: Sequence[Location] = ()
+    ) -> Finding:
+        """State a share of credit with its reason; the places of the mistake stand before the calls."""
+        where = (*places, *self.where)
+        return graded(share, self.expected, self.measured, reason, hint=hint, where=where)
 
 
 @check(commands=("{set_step}", "{refused_step}"))
@@ -130,13 +134,14 @@ def _gate(context: Context, p: CallGated) -> _Gate:
     """Collect the answers of the three calls."""
     steps = (p.refused_step, p.recovered_step, p.from_start_step)
     off, on, off_from_start = (_answer_to(context, step) for step in steps)
-    wanted = f"{_shown(p.refused)} while the parameter is off"
+    refuses = f"{_shown(p.refused)} while the parameter is off"
+    recovers = f"after such a refusal {_shown(p.recovered)} when it is on again"
     return _Gate(
         off=off,
         on=on,
         off_from_start=off_from_start,
         where=tuple(_calls_at(context, step) for step in steps),
-        expected=f"{wanted}, and after such a refusal {_shown(p.recovered)} when it is on again",
+        expected=f"{refuses}, and {recovers}; other checks judge the messages",
     )
 
 
@@ -195,8 +200,8 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
         return context.charge(found, _answer_cause(context, p.allowed_step))
     mistyped = _mistyped(context, p)
     if mistyped and gate.off_from_start is None:
-        reason = f"It refuses only by a value of its own type: {mistyped}"
-        found = gate.graded(0.0, reason, _TYPE_HINT)
+        last = replace(gate, where=gate.where[-1:])
+        found = last.graded(0.0, mistyped, _TYPE_HINT, _declarations(context, p))
         return context.charge(found, _parameter_cause(context.step(p.set_step)))
     if _fits(gate.on, p.recovered):
         return _judge_name(context, p, gate)
@@ -237,10 +242,30 @@ def _mistyped(context: Context, p: CallGated) -> str:
         wanted = _TYPE_NAMES.get(type(value), own)
         if own not in (wanted, "not set"):
             return (
-                f"{name} is declared as a {own}, so rclpy refuses the {wanted} {json.dumps(value)} while the "
-                "node runs, and the node ends if it starts with it."
+                f"{name} is declared as a {own}, so the {wanted} {json.dumps(value)} cannot be set: rclpy refuses it "
+                "while the node runs, and the node ends if it starts with it."
             )
     return ""
+
+
+def _declarations(context: Context, p: CallGated) -> tuple[Location, ...]:
+    """Return the lines of the programs that declare the parameters of a step."""
+    setting = context.step(p.set_step)
+    if setting is None:
+        return ()
+    names = "|".join(map(re.escape, setting.parameters.get("values", {})))
+    declares = re.compile(rf"declare_parameter\(\s*['\"](?:{names})['\"]")
+    found = []
+    for path in context.paths:
+        text = context.text(path)
+        if text is None:
+            continue
+        if not path.endswith(".py"):
+            continue
+        for match in declares.finditer(text):
+            line = text.count("\n", 0, match.start()) + 1
+            found.append(Location(file=path, line=line))
+    return tuple(found)
 
 
 def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:

@@ -12,7 +12,12 @@ from grader.checks.commands import commands_of
 from grader.judging.rubrics import read_rubric
 from grader.lab.lab_code import is_own
 from grader.lab.rubric import Rubric
-from grader.recording.submission import ArtifactFact, SubmissionRecord
+from grader.recording.submission import (
+    ArtifactFact,
+    BuildFact,
+    PackageFact,
+    SubmissionRecord,
+)
 from grader.result import Finding, Outcome
 
 HANDED_IN = SubmissionRecord(
@@ -85,13 +90,25 @@ def test_every_kind_of_the_lab_can_be_written(rubric: Rubric) -> None:
         assert bool(commands) == has_some, spec.check
 
 
+def test_a_launch_file_of_a_package_is_started_by_the_package(rubric: Rubric) -> None:
+    """By its path, `ros2 launch` finds no executable of a package that is not built."""
+    path = "launch/my robot_launch.py"
+    package = PackageFact("arm", "", "ament_python", shared={"share/arm/robot_launch.py": path})
+    built = dataclasses.replace(
+        HANDED_IN, packages=[package], builds=[BuildFact("arm", "", "built")]
+    )
+    spec = next(spec for spec in rubric.checks() if spec.check == "launch_loads")
+    finding = Finding(Outcome.FAILED, Decimal(0))
+    (command,) = commands_of(spec, rubric, built, {}, finding)
+    build = "colcon build && . install/setup.bash"
+    assert command == f"{build} && ros2 launch arm 'my robot_launch.py'"
+
+
 def test_a_silent_publisher_is_shown_by_its_messages(rubric: Rubric) -> None:
     """The list of topics holds the publisher, as it should."""
     spec = next(spec for spec in rubric.checks() if spec.check == "topic_published")
     silent = Finding(Outcome.PARTIAL, Decimal("0.2"), is_silent=True)
-    assert commands_of(spec, rubric, HANDED_IN, {}, silent) == (
-        "ros2 topic echo /joint_commands",
-    )
+    assert commands_of(spec, rubric, HANDED_IN, {}, silent) == ("ros2 topic echo /joint_commands",)
 
 
 def test_a_file_that_was_not_handed_in_has_no_command(rubric: Rubric) -> None:

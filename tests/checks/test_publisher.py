@@ -333,6 +333,19 @@ def test_a_rate_that_changes_for_good_is_judged_by_its_end(tmp_path: Path, turn_
     assert f"at 100.0 Hz for {turn_s:.1f} s, then at 50.0 Hz" in finding.reason
 
 
+def test_a_change_of_the_rate_is_the_cause_of_uneven_intervals(tmp_path: Path) -> None:
+    """No interval is usual over the whole window, and the rate charges the change."""
+    times = [*evenly(100, 4.0), *evenly(50, 5.5, 5.02)]
+    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").window(1.0, 10.5)
+    session.messages(TOPIC, [[0.0] * 7] * len(times), times)
+    recorded = session.recorded()
+    rate = judged("topic_rate", RATE, recorded)
+    uneven = judged("topic_jitter", JITTER, recorded)
+    assert rate.causes == uneven.causes == (f"rate of {TOPIC} changes",)
+    assert uneven.reason.startswith("The usual gap changes from 10.0 ms to 20.0 ms")
+    assert uneven.measured == "usual gaps of 10.0 ms, then of 20.0 ms"
+
+
 @pytest.mark.parametrize("gap_s", [(5.0, 5.4), (6.2, 6.6)], ids=["in the middle", "near the end"])
 def test_a_single_gap_is_no_change_of_the_rate(tmp_path: Path, gap_s: tuple[float, float]) -> None:
     """A gap costs its share of the rate in the whole window."""

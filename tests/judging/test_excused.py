@@ -69,7 +69,9 @@ def test_where_the_earlier_check_took_points_this_one_takes_none(
     assert findings["scale"].outcome in (Outcome.FAILED, Outcome.PARTIAL)
     assert (findings["size"].outcome, findings["size"].credit) == (Outcome.EXCUSED, Decimal(1))
     assert "above 1" in findings["size"].reason
-    assert "This mistake is charged under 'In metres', and not again here." in findings["size"].reason
+    assert (
+        "This mistake is charged under 'In metres', and not again here." in findings["size"].reason
+    )
 
 
 def test_where_the_earlier_check_took_none_this_one_does(tmp_path: Path) -> None:
@@ -100,7 +102,9 @@ def test_a_mistake_is_charged_at_its_dearest_check(
     assert findings[charged].outcome is Outcome.FAILED
     assert (findings[excused].outcome, findings[excused].credit) == (Outcome.EXCUSED, Decimal(1))
     title = {"scale": "In metres", "size": "size"}[charged]
-    assert findings[excused].reason.endswith(f"This mistake is charged under '{title}', and not again here.")
+    assert findings[excused].reason.endswith(
+        f"This mistake is charged under '{title}', and not again here."
+    )
     assert findings[excused].decided_by == "excused"
 
 
