@@ -432,7 +432,8 @@ class _Explained:
 
     def counts(self) -> str:
         """Return the numbers of explained units in words."""
-        files = f"files: {_explained_in(self.files)} of {len(self.files)}"
+        once = list({id(unit): unit for unit in self.files}.values())
+        files = f"files: {_explained_in(once)} of {len(once)}"
         inner = f"classes and functions: {_explained_in(self.inner)} of {len(self.inner)}"
         return f"{files}; {inner}"
 

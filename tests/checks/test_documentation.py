@@ -111,7 +111,7 @@ def test_a_file_that_holds_several_parts_counts_once() -> None:
     record = submission({"nodes.py": text}, it="nodes.py", other="nodes.py")
     finding = static("code_explained", {**CODE, "artifacts": ["it", "other"]}, record)
     assert finding.outcome is Outcome.PASSED
-    assert finding.measured.startswith("1 of 1")
+    assert finding.measured.startswith("files: 1 of 1; ")
 
 
 def test_each_part_of_a_readme_counts() -> None:
@@ -441,7 +441,9 @@ def test_concepts_are_found_at_their_lines() -> None:
 
 def test_units_are_counted_by_their_kind() -> None:
     """Files are half, classes and functions the other half, so their numbers stand apart."""
-    finding = static("code_explained", CODE, of('"""Publish commands to the arm."""\n'))
+    finding = static(
+        "code_explained", CODE, of('"""Publish commands to the arm."""\nrate_hz = 100\n')
+    )
     assert finding.measured == "files: 1 of 1; classes and functions: 0 of 0; together 100%"
 
 
