@@ -13,6 +13,7 @@ COPY confine confine
 COPY grader grader
 COPY launch_plan launch_plan
 COPY reference reference
+COPY ros_bag ros_bag
 # Apart from the interpreter's folder, of which students' code may read all.
 COPY labs /opt/grade-labs
 RUN python3 -m venv /opt/venv \

@@ -40,7 +40,7 @@ thorough: $(DEV_STAMP) system-dev
 
 # Every fixture and every submission of a lab. `make test-all` grades a twentieth of them, others for each commit.
 fixtures: $(DEV_STAMP) system
-	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py
+	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py tests/live/test_goal_lab.py
 
 # Every attack of fixtures/attacks in all three environments, every launch file that misbehaves, and every low limit; some fifty
 # minutes. `make test-all` tries a part of them.

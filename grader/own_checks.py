@@ -54,6 +54,7 @@ from grader.checks.base import inconclusive as inconclusive
 from grader.checks.base import not_reached as not_reached
 from grader.checks.base import of_parts as of_parts
 from grader.checks.base import passed as passed
+from grader.checks.base import percent as percent
 from grader.checks.base import quantise as quantise
 from grader.checks.base import ramp as ramp
 from grader.checks.base import unclear as unclear
@@ -72,12 +73,17 @@ from grader.checks.own_context import Step as Step
 from grader.checks.own_context import Submission as Submission
 from grader.checks.service import answer_cause as answer_cause
 from grader.checks.service import parameter_cause as parameter_cause
+from grader.evidence.bounds import Delayed as Delayed
 from grader.evidence.bounds import cpu_delay_doubt as cpu_delay_doubt
 from grader.evidence.bounds import without_delay as without_delay
+from grader.evidence.cpu_delay import Backlog as Backlog
 from grader.evidence.recorded import NumericStream as NumericStream
 from grader.evidence.source_causes import appended_again as appended_again
+from grader.evidence.source_causes import idle_callback as idle_callback
+from grader.evidence.source_causes import late_lambda as late_lambda
 from grader.evidence.text.printed import PrintedVector as PrintedVector
 from grader.evidence.text.printed import Report as Report
+from grader.evidence.text.result_rows import ResultRow as ResultRow
 from grader.lab.lab_code import API_VERSION as API_VERSION
 from grader.lab.patterns import search as search
 from grader.lab.references import AnyStep as AnyStep
@@ -109,7 +115,7 @@ from grader.lab.references import TextField as TextField
 from grader.lab.references import Topic as Topic
 from grader.lab.references import Window as Window
 from grader.lab.references import fields_of_type as fields_of_type
-from grader.recording.session import Qos as Qos
 from grader.result import Finding as Finding
 from grader.result import Location as Location
 from grader.result import Outcome as Outcome
+from ros_bag.qos import Qos as Qos

@@ -8,5 +8,5 @@ SCHEMA = "ros-lab-grader/launch-plan/v1"
 PARAMETERS_PLACEHOLDER = "{parameters}"
 #: Key of an infinite or undefined number, e.g. `{"!!float": "inf"}`, because JSON has no such numbers.
 NO_JSON = "!!float"
-#: Most processes of a plan.
-PROCESS_LIMIT = 400
+#: Most processes of a plan; a session starts them one after another, and each again up to three times.
+PROCESS_LIMIT = 100

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = ("confine", "grader", "launch_plan")
+NAMES = ("confine", "grader", "launch_plan", "ros_bag")
 
 
 def modules() -> list[Path]:

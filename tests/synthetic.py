@@ -21,8 +21,6 @@ from grader.evidence.recorded import Recorded
 from grader.lab import lab_code
 from grader.lab.lab_code import is_own
 from grader.lab.references import definition_in
-from grader.recording.bag import BagWriter
-from grader.recording.definitions import SEPARATOR, MessageDefinition
 from grader.recording.session import (
     Claim,
     Endpoint,
@@ -30,7 +28,6 @@ from grader.recording.session import (
     MachineSample,
     OutputLine,
     ProcessRun,
-    Qos,
     ServiceEndpoint,
     SessionRecord,
     StepRun,
@@ -39,34 +36,23 @@ from grader.recording.session import (
 )
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.result import Finding
+from ros_bag.definitions import MessageDefinition
+from ros_bag.qos import Qos
+from ros_bag.writing import BagWriter
+from tests.ros_bag.sample_messages import DEFINITIONS as DEFINITIONS
+from tests.ros_bag.sample_messages import FLOATS as FLOATS
+from tests.ros_bag.sample_messages import RELIABLE as RELIABLE
+from tests.ros_bag.sample_messages import TEXT as TEXT
+from tests.ros_bag.sample_messages import floats as floats
 
 ROOT = Path(__file__).resolve().parents[1]
 START_NS = 1_800_000_000_000_000_000
-FLOATS, TEXT = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
-RELIABLE = Qos("reliable", "volatile", liveliness="automatic")
 BEST_EFFORT = replace(RELIABLE, reliability="best_effort")
-
-DEFINITIONS = {
-    FLOATS: MessageDefinition(
-        "ros2msg",
-        "MultiArrayLayout layout\nfloat64[] data\n"
-        f"{SEPARATOR}\nMSG: std_msgs/MultiArrayLayout\nMultiArrayDimension[] dim\nuint32 data_offset\n"
-        f"{SEPARATOR}\nMSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n",
-    ),
-    TEXT: MessageDefinition("ros2msg", "string data\n"),
-}
 
 
 def at(time_s: float) -> int:
     """Give a time of the system clock, in ns, by seconds since the session's start."""
     return START_NS + round(time_s * 1e9)
-
-
-def floats(values: Iterable[float]) -> bytes:
-    """Give the CDR of a Float64MultiArray without a layout."""
-    listed = list(values)
-    body = struct.pack(f"<4x{len(listed)}d", *listed) if listed else b""
-    return struct.pack("<BBHIII", 0, 1, 0, 0, 0, len(listed)) + body
 
 
 def text(value: str) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -17,10 +18,10 @@ PYTHONS = ("3.11", "3.12", "3.13")
 NO_ANSWER = ("error sending request", "dns error", "Could not connect", "Network connectivity")
 
 
-def resolve(python: str, folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    """Resolve the pinned versions for a version of Python; the markers count as they do on it."""
+def resolve(python: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Resolve the pinned versions with all extras for a version of Python; the markers count as they do on it."""
     command = [UV, "pip", "compile", "--quiet", "--no-config", "--python-version", python]
-    command += ["--constraints", ROOT / "constraints.txt", ROOT / "pyproject.toml", *options]
+    command += ["--constraints", ROOT / "constraints.txt", ROOT / "pyproject.toml", "--all-extras"]
     command += ["--output-file", folder / "requirements.txt"]
     done = subprocess.run(
         list(map(str, command)), capture_output=True, text=True, timeout=300, check=False
@@ -30,11 +31,22 @@ def resolve(python: str, folder: Path, *options: str) -> subprocess.CompletedPro
     return done
 
 
+@pytest.fixture(scope="module")
+def resolved(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> dict[str, subprocess.CompletedProcess[str]]:
+    """Resolve for all versions at once, because uv mostly waits for the registry."""
+    folders = [tmp_path_factory.mktemp("resolved") for _ in PYTHONS]
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(PYTHONS, pool.map(resolve, PYTHONS, folders), strict=True))
+
+
 @pytest.mark.parametrize("python", PYTHONS)
-def test_versions_resolve(python: str, tmp_path: Path) -> None:
+def test_versions_resolve(
+    python: str, resolved: dict[str, subprocess.CompletedProcess[str]]
+) -> None:
     """Constraints resolve for each Python that the package names, with all extras."""
-    done = resolve(python, tmp_path, "--all-extras")
-    assert done.returncode == 0, done.stderr
+    assert resolved[python].returncode == 0, resolved[python].stderr
 
 
 def test_an_older_python_is_refused() -> None:

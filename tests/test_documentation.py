@@ -39,6 +39,7 @@ FOLDERS = (
     "confine",
     "grader",
     "launch_plan",
+    "ros_bag",
     "reference",
     "fixtures",
     "submissions",

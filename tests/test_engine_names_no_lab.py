@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Outside the engine: the template of a lab, and the lab that `grade doctor` uses.
 LABS_OF_ITS_OWN = (ROOT / "grader/lab/template", ROOT / "grader/doctor/lab")
 RUBRICS = [ROOT / "rubric.yaml", *sorted(ROOT.glob("labs/*/rubric.yaml"))]
-#: Names that belong to ROS.
-OF_ROS = {"/tf", "/tf_static", "/clock", "/rosout"}
+#: Names that belong to ROS: topics of its own, and the nodes of `demo_nodes_py` and `topic_tools`.
+OF_ROS = {"/tf", "/tf_static", "/clock", "/rosout", "talker", "talker.py", "/talker", "relay"}
 #: Where a lab gives its names: keys of steps, checks and figures.
 _NAMING = {
     *(
@@ -31,7 +31,7 @@ _NAMING = {
 }
 _LINES = {
     path.relative_to(ROOT): path.read_text(encoding="utf-8")
-    for package in ("grader", "launch_plan")
+    for package in ("grader", "launch_plan", "ros_bag")
     for path in sorted((ROOT / package).rglob("*"))
     if path.suffix in (".py", ".j2", ".js", ".yaml")
     and not any(path.is_relative_to(own) for own in LABS_OF_ITS_OWN)
@@ -64,17 +64,12 @@ def test_no_line_of_the_engine_names_a_lab(rubric: Path) -> None:
     """Neither its id, nor a topic, node, action, file, joint or frame of it."""
     names = names_of(rubric)
     assert len(names) > 5
-    words = re.compile(
-        "|".join(
-            rf"(?<![\w/]){re.escape(name)}(?!\w)" for name in sorted(names, key=len, reverse=True)
-        )
-    )
-    found = [
-        f"{path}:{number}: {line.strip()}"
-        for path, text in _LINES.items()
-        for number, line in enumerate(text.splitlines(), 1)
-        if words.search(line)
-    ]
+    found = []
+    for path, text in _LINES.items():
+        # A search for plain text is a hundred times as quick as that for words.
+        for name in filter(text.__contains__, names):
+            word = re.compile(rf"(?<![\w/]){re.escape(name)}(?!\w)")
+            found += [f"{path}: {line.strip()}" for line in text.splitlines() if word.search(line)]
     assert found == []
 
 

@@ -43,7 +43,7 @@ def _read_readme(text: str) -> None:
     document = markup.read_markdown(text)
     blocks, _ = prose.visible(document, PARTS, [r"^\W*todo\b(?:\W+\w+){0,6}\W*$"])
     prose.mention(blocks, PARTS, PARTS)
-    prose.command_line(blocks, [r"ros2\s+(?:run|launch)\s+\S+\s+\S+"])
+    list(prose.command_lines(blocks, [r"ros2\s+(?:run|launch)\s+\S+\s+\S+"]))
     prose.instruction_line(blocks, ["run"])
     prose.concepts(
         prose.document_passages(document, "R"),

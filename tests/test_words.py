@@ -12,8 +12,10 @@ from grader.commands import COMMANDS
 
 pytestmark = pytest.mark.slow
 
+#: A small lab, whose rubric is read quickly.
+LAB = Path(__file__).resolve().parents[1] / "grader/doctor/lab"
 #: Grading ends at once with it, and says which command it was.
-UNKNOWN_SESSION = ["--sessions", "nosuch"]
+UNKNOWN_SESSION = ["--sessions", "nosuch", "--lab", str(LAB)]
 
 
 @pytest.fixture(autouse=True)

@@ -31,6 +31,7 @@ from grader.commands.listing import (
     entries_of_checks,
     parameters_in,
 )
+from grader.commands.outline import FUNCTIONS, outline
 from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.rubric import json_schema, own_models
 from grader.lab.steps import STEPS
@@ -43,7 +44,6 @@ _GENERATED = re.compile(r"<!-- generated: (\w+)([^>]*) -->")
 _APART = ("checks", "figures", "steps")
 #: Keys with their values listed on a page.
 _KINDS = ("check", "kind")
-_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 #: A subcommand in a list by argparse.
 _PART = re.compile(r"^    ([a-z]+) {2,}\S", re.MULTILINE)
 #: Marks of Markdown and HTML.
@@ -210,22 +210,8 @@ def _help(*words: str) -> str:
 def code(path: str, *names: str) -> str:
     """Return the signatures and docstrings of classes and functions of a file."""
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-    found = {node.name: node for node in tree.body if isinstance(node, (ast.ClassDef, *_FUNCTIONS))}
-    return "\n\n".join(f"```python\n{ast.unparse(_outside(found[name]))}\n```" for name in names)
-
-
-def _outside(node: ast.stmt) -> ast.stmt:
-    """Remove bodies of functions and private members of classes."""
-    if isinstance(node, _FUNCTIONS):
-        node.body = node.body[:1] if ast.get_docstring(node) else [ast.Expr(ast.Constant(...))]
-    elif isinstance(node, ast.ClassDef):
-        node.body = [_outside(each) for each in node.body if not _name_of(each).startswith("_")]
-    return node
-
-
-def _name_of(node: ast.stmt) -> str:
-    target = getattr(node, "target", node)
-    return str(getattr(target, "name", getattr(target, "id", "")))
+    found = {node.name: node for node in tree.body if isinstance(node, (ast.ClassDef, *FUNCTIONS))}
+    return "\n\n".join(f"```python\n{outline(found[name])}\n```" for name in names)
 
 
 GENERATED: Mapping[str, Callable[..., str]] = {

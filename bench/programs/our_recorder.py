@@ -13,8 +13,10 @@ from bench.programs.publisher import TOPIC
 from bench.programs.work import until_told
 from grader.evidence.timing import timing_of
 from grader.live.ros_node.recorder import Recorder
-from grader.recording.bag import Bag, BagWriter
-from grader.recording.session import Endpoint, Qos
+from grader.recording.session import Endpoint
+from ros_bag.qos import Qos
+from ros_bag.reading import Bag
+from ros_bag.writing import BagWriter
 
 
 def main() -> None:

@@ -42,7 +42,6 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "transform_tree": ("ros2 topic echo {topic}", "ros2 run tf2_tools view_frames"),
     "launch_arguments": ("{step} --show-args",),
     **dict.fromkeys(("launch_nodes", "launch_parameters"), ("{step} --print",)),
-    "reported_traffic": ("python3 {artifact}",),
 }
 
 

@@ -7,6 +7,7 @@ its points, and a note asks a person to look.
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -20,7 +21,7 @@ from grader.evidence.text.markup import Block, Section, plain_text, read_markdow
 from grader.evidence.text.prose import (
     Discussion,
     Passage,
-    command_line,
+    command_lines,
     concepts,
     document_passages,
     instruction_line,
@@ -205,6 +206,8 @@ class _ReadmeFacts:
     hollow: Sequence[str]
     #: Texts that a person should look at.
     notes: Sequence[str]
+    #: The first command for other work, if there is none for this one.
+    foreign: str = ""
 
     def share(self, run_weight: float) -> float:
         """Return the share of credit for the instruction and the mentions together."""
@@ -232,6 +235,8 @@ class _ReadmeFacts:
             reasons.append(
                 "The grader found no command and no sentence that says how to run the work."
             )
+        if self.foreign:
+            reasons.append(f"The README's commands run other work: {self.foreign}.")
         missing = self.missing()
         if missing:
             reasons.append(f"The grader found no mention of {', '.join(missing)}.")
@@ -297,20 +302,73 @@ def _readme_paths(context: Context, titles: Sequence[str]) -> list[PurePosixPath
 def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -> _ReadmeFacts:
     """Read the READMEs, and look for the instruction to run the work and for its parts."""
     # Other checks charge the files that were not handed in.
-    present = [part for part in p.parts if context.path_of(part.artifact) is not None]
-    parts = present or list(p.parts)
+    parts = [part for part in p.parts if context.path_of(part.artifact) is not None]
+    parts = parts or list(p.parts)
     names = {part: _names_of(context, part) for part in parts}
     all_names = Terms.of(chain(*names.values()), _ENDING)
     texts, hollow = _visible(context, paths, all_names, p.placeholders)
-    run, notes = _how_to_run(texts, p)
     found = _found_parts(texts, names)
-    if not found and texts and _is_long(texts, p.doubt_words):
+    in_other_words = not found and _is_long(texts, p.doubt_words)
+    foreign = ""
+    if len(found) < _FEW_PARTS:
+        foreign = _command_of_other_work(context, texts, p)
+    if foreign and not in_other_words:
+        return _ReadmeFacts("", parts, found, hollow, (), foreign)
+    run, notes = _how_to_run(texts, p)
+    if in_other_words:
         # A long text may call the parts by other names.
         path = texts[0][0]
         found = dict.fromkeys(parts, (path, 1))
         seen = "names no part of the work by a name known to the grader"
         notes.append(_for_a_person(path, 1, seen))
     return _ReadmeFacts(run, parts, found, hollow, notes)
+
+
+#: Number of parts from which a README is about this work.
+_FEW_PARTS = 2
+_STARTED = re.compile(
+    r"ros2\s+(?:run|launch)\s+([\w./-]+)(?:\s+([\w./-]+))?|python3?\s+([\w./-]+)\.py\b"
+)
+
+
+def _command_of_other_work(context: Context, texts: _Texts, p: Readme) -> str:
+    """Return the first command if no command starts anything of the submission or of the lab; empty otherwise.
+
+    Example
+    -------
+    `ros2 run turtlesim turtlesim_node`, beside a submission that does not name turtlesim.
+    """
+    own = _own_text(context, p)
+    others = []
+    for _, shown in texts:
+        for _, command in command_lines(shown, p.commands):
+            if not _is_of_other_work(command, own):
+                return ""
+            others.append(command)
+    return others[0] if others else ""
+
+
+def _own_text(context: Context, p: Readme) -> str:
+    """Return the names of the lab's parts, and the paths and the contents of the submission without its documents."""
+    documents = set(map(str, _documents(context)))
+    own: list[str] = []
+    for part in p.parts:
+        own += part.names
+    for path, text in context.submission.texts.items():
+        if path not in documents:
+            own += (path, text)
+    return "\n".join(own)
+
+
+def _is_of_other_work(command: str, own: str) -> bool:
+    """Tell whether a command starts programs, and the submission names none of them."""
+    names: list[str] = []
+    for match in _STARTED.finditer(command):
+        names += filter(None, match.groups())
+    for name in names:
+        if PurePosixPath(name).stem in own:
+            return False
+    return bool(names)
 
 
 def _names_of(context: Context, part: Part) -> tuple[str, ...]:
@@ -379,7 +437,7 @@ def _mentioned(texts: _Texts, names: Sequence[str], synonyms: Sequence[str]) -> 
 def _how_to_run(texts: _Texts, p: Readme) -> tuple[str, list[str]]:
     """Return the place and text of the instruction to run the work, and notes for a person about it."""
     for path, shown in texts:
-        found = command_line(shown, p.commands)
+        found = next(command_lines(shown, p.commands), None)
         if found is not None:
             line, command = found
             return f"{_at(path, line)}, {command[:80]}", []
@@ -396,7 +454,7 @@ def _at(file: str, line: int) -> str:
 
 
 class CodeExplained(_OfFiles):
-    """Docstrings or comments explain the files (half), and their classes and functions of some length (half)."""
+    """Docstrings or comments explain the files (a part), and their classes and functions of some length (the rest)."""
 
     artifacts: tuple[ref.Artifact, ...]
     full_from: Share = Field(
@@ -406,6 +464,11 @@ class CodeExplained(_OfFiles):
         5, description="A function whose body has fewer lines speaks for itself."
     )
     min_words: int = Field(2, description="Distinct words from which a text explains.")
+    file_weight: Share = Field(0.5, description="Share of the credit for the files.")
+    file_words: int = Field(
+        0,
+        description="Distinct words from which comments explain a file that has no docstring of its own or of its class.",
+    )
     placeholders: tuple[Pattern, ...] = Field(
         (), description="Regular expressions of texts that wait to be written."
     )
@@ -425,10 +488,14 @@ class _Explained:
     #: Units of classes and functions.
     inner: Sequence[Unit]
 
-    def share(self) -> float:
-        """Return the mean of the explained shares of files and of their classes and functions."""
-        shares = [_explained_share(units) for units in (self.files, self.inner) if units]
-        return sum(shares) / len(shares)
+    def share(self, file_weight: float) -> float:
+        """Return the weighted mean of the explained shares of files and of their classes and functions."""
+        if not self.inner:
+            return _explained_share(self.files)
+        if not self.files:
+            return _explained_share(self.inner)
+        of_files = file_weight * _explained_share(self.files)
+        return of_files + (1 - file_weight) * _explained_share(self.inner)
 
     def counts(self) -> str:
         """Return the numbers of explained units in words."""
@@ -452,20 +519,22 @@ def _explained_share(units: Sequence[Unit]) -> float:
 
 def code_explained(context: Context, p: CodeExplained) -> Finding:
     """Judge the share of files, classes and functions with a docstring or comment that explains them."""
-    rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers)
+    rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers, p.file_words)
     facts = _sources(context, p.artifacts, rules)
-    expected = f"a docstring or a comment explains at least {percent(p.full_from)}: of the files (half), and of classes "
-    expected += f"and functions with a body of {p.function_lines} lines or more (half); constructors, main and the only "
-    expected += "class of a file do not count"
+    expected = f"a docstring or a comment explains at least {percent(p.full_from)}: of the files ({percent(p.file_weight)}), "
+    expected += f"and of classes and functions with a body of {p.function_lines} lines or more (the rest); constructors, "
+    expected += "main and the only class of a file do not count"
+    if p.file_words:
+        expected += f"; comments explain a file from {p.file_words} words on"
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
     explained = _units_of(facts, list(map(context.path_of, p.artifacts)))
     if not explained.units:
         return passed(expected, "nothing that needs an explanation")
-    share = explained.share()
+    share = explained.share(p.file_weight)
     bare = explained.bare()
     shown_share = apart(100 * share, 100 * p.full_from, places=0)
-    measured = f"{explained.counts()}; together {shown_share}%"
+    measured = f"{explained.counts()}; with these weights {shown_share}%"
     reason = _not_explained(bare, facts)
     where = [Location(file=path, line=unit.line) for path, unit in bare[:_MOST_NAMED]]
     share /= p.full_from

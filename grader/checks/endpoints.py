@@ -9,8 +9,9 @@ from pydantic import Field
 from grader.checks.base import Context, cut_off, failed, graded
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
-from grader.recording.session import Claim, Endpoint, Qos
+from grader.recording.session import Claim, Endpoint
 from grader.result import Finding, Location
+from ros_bag.qos import Qos
 
 
 class OfferedProfile(Parameters):

@@ -154,6 +154,7 @@ def _checked(finding: Any) -> Finding:
         notes=tuple(map(_short, finding.notes)),
         retry=bool(finding.retry),
         settled=settled,
+        unmeasured=_short(finding.unmeasured) if finding.unmeasured else None,
         unexplained=bool(finding.unexplained),
         causes=tuple(map(_short, finding.causes)),
     )

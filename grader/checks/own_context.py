@@ -5,6 +5,7 @@ Public names and their meanings stay as they are within a version of `API_VERSIO
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,10 +16,11 @@ from numpy.typing import NDArray
 from grader.checks import base, endpoints, service, subscriber
 from grader.checks.base import Part
 from grader.evidence import bounds
-from grader.evidence.cpu_delay import Span
+from grader.evidence.bounds import Delayed
+from grader.evidence.cpu_delay import Backlog, Span, clipped
 from grader.evidence.fields import numbers_of
 from grader.evidence.flakiness import flaky_end
-from grader.evidence.recorded import NumericStream, Recorded
+from grader.evidence.recorded import NumericStream, Recorded, clock_step_s
 from grader.evidence.text.printed import (
     PrintedVector,
     Report,
@@ -26,10 +28,12 @@ from grader.evidence.text.printed import (
     reports,
     reports_of,
 )
+from grader.evidence.text.result_rows import ResultRow, result_rows
 from grader.lab.steps.call import CallRecord, CallResult
-from grader.recording.bag import Stream
-from grader.recording.session import Endpoint, ProcessRun, Qos
+from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Location
+from ros_bag.qos import Qos
+from ros_bag.reading import Stream
 
 
 @dataclass(frozen=True)
@@ -185,7 +189,7 @@ class Call:
     latency_s : float
         Time from the request to the answer, or to the end of waiting for it.
     delay_s : float
-        Longest time for which the machine kept one of the involved processes from a core.
+        Longest machine delay of the involved processes.
     """
 
     started_s: float
@@ -197,7 +201,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Claim:
-    """A call by which a program asked for an endpoint: a claim of the student's code, no evidence.
+    """A program's call for an endpoint: a claim of the student's code, no evidence.
 
     Attributes
     ----------
@@ -221,6 +225,11 @@ class Submission:
     def paths(self) -> tuple[str, ...]:
         """Paths of all files."""
         return tuple(file.path for file in self._inner.submission.files)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Paths of files and folders that were handed in and left out of the grading, such as "ws/build/"."""
+        return tuple(note.partition(": ")[0] for note in self._inner.submission.left_out)
 
     def text(self, path: str) -> str | None:
         """Return the contents of a file; None if it is missing, is no text, or is too large to be kept."""
@@ -334,6 +343,19 @@ class Context(Submission):
         """Return the student's endpoints of a kind, "publisher" or "subscription", on a topic."""
         return self._session.endpoints_on(topic, kind, self._inner.reference_nodes)
 
+    def unheard(self, topic: str) -> str:
+        """Say why the student's own side cannot receive the messages on a topic; empty if it can."""
+        offers = self.endpoints(topic, "publisher")
+        requests = self.endpoints(topic, "subscription")
+        if not requests:
+            return f"Nothing subscribes to {topic}."
+        policy = None
+        if offers:
+            policy = endpoints.clash(requests[0], offers[0].qos)
+        if policy is None:
+            return ""
+        return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
+
     def used(self, name: str) -> str:
         """Return the student's name for a topic, service or node of the rubric."""
         return self._session.used(name)
@@ -428,7 +450,7 @@ class Context(Submission):
         return self._session.since_start_s(t_ns)
 
     def delay_s(self, process: str, window: str) -> float:
-        """Return the time within a step for which the machine kept a process from a core: 0 on an idle one."""
+        """Return the machine delay of a process within a step, in s: 0 on an idle machine."""
         session = self._session
         run = session.process(process)
         span = session.window(window)
@@ -440,7 +462,7 @@ class Context(Submission):
         return session.machine_delay_s(run, span)
 
     def longest_delay_s(self, start_s: float, end_s: float) -> float:
-        """Return the longest time in a span for which the machine kept one of the session's processes from a core.
+        """Return the longest machine delay of any process of the session within a span, in s.
 
         Parameters
         ----------
@@ -450,8 +472,49 @@ class Context(Submission):
         return self._session.longest_delay_s(self._span_of(start_s, end_s))
 
     def machine_delay_s(self, run: Run, start_s: float, end_s: float) -> float:
-        """Return the time within a span for which the machine may have kept a process from a core, in s."""
+        """Return the machine delay of a process within a span, in s."""
         return self._session.machine_delay_s(run._recorded, self._span_of(start_s, end_s))
+
+    def life(self, run: Run) -> tuple[float, float]:
+        """Return the start of a process and its end, or that of the session if it did not end, in s."""
+        if run.exited_s is None:
+            return run.started_s, self.duration_s
+        return run.started_s, run.exited_s
+
+    def delayed(self, run: Run, start_s: float, end_s: float) -> Delayed:
+        """Return the machine delay of a process within a span, with the length of the span."""
+        return Delayed(self.machine_delay_s(run, start_s, end_s), end_s - start_s)
+
+    def noted_delays_s(self, run: Run, start_s: float, end_s: float) -> NDArray[np.float64]:
+        """Return each delay of a process by the machine within a span, in s; none if only their sum is known."""
+        found = []
+        if run._recorded.disturbed:
+            span = self._span_of(start_s, end_s)
+            for delay in clipped(self._session.delays(run._recorded), span):
+                found.append(delay.delay_ns / 1e9)
+        return np.array(found, dtype=np.float64)
+
+    def backlog(self, run: Run, start_s: float, end_s: float, room_s: float = math.inf) -> Backlog:
+        """Return the largest possible backlog of a process within a span.
+
+        Parameters
+        ----------
+        run
+            The process.
+        start_s, end_s
+            Begin and end of the span in s since the session's start.
+        room_s
+            Time after which the queue of its subscription is full, in s.
+        """
+        return self._session.backlog(run._recorded, self._span_of(start_s, end_s), room_s)
+
+    def recorder_delay_s(self, start_s: float, end_s: float) -> float:
+        """Return the machine delay of the recorder within a span, in s."""
+        return self._session.recorder_delay_s(self._span_of(start_s, end_s))
+
+    def clock_step_s(self, start_s: float, end_s: float) -> float:
+        """Return the change of the system's clock by setting it within a span, in s; 0 if it ran evenly."""
+        return clock_step_s(self._session.record, self._span_of(start_s, end_s))
 
     def stalled_s(self, start_s: float, end_s: float) -> float:
         """Return the time of a span without reading of output because the grader itself stalled, in s."""
@@ -504,6 +567,22 @@ class Context(Submission):
         number is in its last group.
         """
         return list(reports(self._session, artifact, patterns))
+
+    def result_rows(
+        self, artifact: str, names: Sequence[str], pattern: str
+    ) -> dict[str, ResultRow | None]:
+        """Return the counts and latencies that a program printed for each of several things.
+
+        Parameters
+        ----------
+        artifact
+            The program.
+        names
+            Names of the things; a line or a row of a table begins with one.
+        pattern
+            Regular expression with groups count, mean_ms and max_ms; other readable forms count if no line fits.
+        """
+        return result_rows(self._session.output_of(artifact), names, pattern)
 
     def output_location(self, artifact: str) -> Location:
         """Point at the output of an artifact's process."""

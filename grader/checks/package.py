@@ -40,6 +40,7 @@ class PackageBuilds(Parameters):
     """
 
     example: ClassVar = {"executables": ["talker"], "files": ["launch/*"]}
+    of_session = False
 
     package: ref.GivenName | None = Field(
         None, description="Name of the package; by default all packages of the submission count."

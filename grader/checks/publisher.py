@@ -202,11 +202,17 @@ class TopicRate(_Timed):
         description="Relative deviation up to which credit is full, e.g. 2%."
     )
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
+    at_least: bool = Field(False, description="Whether a higher rate costs nothing.")
+
+    def counted_hz(self, rate_hz: float) -> float:
+        """Return the rate that counts: at most the wanted one if a higher rate costs nothing."""
+        return min(rate_hz, self.rate_hz) if self.at_least else rate_hz
 
 
 def _rate_shares(p: TopicRate, rate: Interval) -> Interval:
     """Return the worst and the best share of credit that a rate can earn."""
-    return rate.off(p.rate_hz).credit(lambda off: ramp(off, p.full_within, p.zero_beyond))
+    counted = Interval(p.counted_hz(rate.low), p.counted_hz(rate.high), rate.why)
+    return counted.off(p.rate_hz).credit(lambda off: ramp(off, p.full_within, p.zero_beyond))
 
 
 def topic_rate(context: Context, p: TopicRate) -> Finding:
@@ -225,10 +231,9 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     timers = _timers(context)
     rate_hz = rate.likely(timing.rate_hz)
     shares = _rate_shares(p, rate)
-    change = _change(context, p.topic, published, p.full_within / p.rate_hz)
-    if change is not None and quantise(change.share(p, published)) <= quantise(shares.low) < 1:
-        found = _changed(context, p, change, change.share(p, published))
-        return context.charge(found, _change_cause(p.topic))
+    change = _change(context, p, published, p.rate_hz)
+    if change is not None and quantise(change.share(p)) <= quantise(shares.low) < 1:
+        return _changed(context, p, change)
     return graded(
         shares.low,
         _expected_rate(p),
@@ -238,7 +243,35 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         best=shares.high,
         levels=CREDIT_LEVELS,
         doubt=shares.why,
+        hint=_pacing_hint(context, p, timers),
     )
+
+
+_SHORT_CALLBACK_HINT = "Keep the callback of the timer short: no sleep, no waiting, little output."
+_SLEEP = re.compile(r"\bsleep\s*\(")
+
+
+def _pacing_hint(context: Context, p: TopicRate, timers: Sequence[Claim]) -> str:
+    """Say how to mend the rate, by the timer or the sleep in the program; empty if it shows neither.
+
+    Example
+    -------
+    "Give the timer a period of 0.01 s."
+    """
+    if not timers:
+        run = p.run(context)
+        path = None
+        if run is not None:
+            path = context.path_of(run.artifact or "")
+        if _SLEEP.search(context.submission.texts.get(path or "", "")):
+            return "Publish from a timer: a loop with a sleep adds the time of its work to each period."
+        return ""
+    if len(timers) > 1 or not _NUMBER.fullmatch(timers[0].name):
+        return ""
+    wanted_s = 1 / p.rate_hz
+    if abs(float(timers[0].name) / wanted_s - 1) > p.full_within:
+        return f"Give the timer a period of {wanted_s:g} s."
+    return _SHORT_CALLBACK_HINT
 
 
 def _around_hz(p: TopicRate, deviation: float) -> tuple[float, float]:
@@ -249,6 +282,10 @@ def _around_hz(p: TopicRate, deviation: float) -> tuple[float, float]:
 def _expected_rate(p: TopicRate) -> str:
     full_low, full_high = _around_hz(p, p.full_within)
     zero_low, zero_high = _around_hz(p, p.zero_beyond)
+    if p.at_least:
+        return (
+            f"at least {full_low:g} Hz for full credit; less if slower; none below {zero_low:g} Hz"
+        )
     full = f"{full_low:g} to {full_high:g} Hz for full credit"
     return f"{full}; less the further off; none below {zero_low:g} or above {zero_high:g} Hz"
 
@@ -329,27 +366,32 @@ class _Change:
     span: Span
     #: Length of the first part, in s.
     before_s: float
+    #: Highest rate in the second part without the delays of the machine, in Hz.
+    most_hz: float
 
-    def share(self, p: TopicRate, published: Publication) -> float:
+    def share(self, p: TopicRate) -> float:
         """Return the best share of credit that the second part can earn, by its rate or by its usual interval.
 
         A single gap leaves the usual interval as it is, and the rate of the whole window tells of it.
         """
-        part = published.part(self.span, self.after)
-        most_hz = bounds.undelayed_rate(part, p.rate_hz).high
-        rates_hz = (self.after.rate_hz, most_hz, 1 / max(self.after.median_s, 1e-9))
-        nearest_off = min(abs(rate_hz / p.rate_hz - 1) for rate_hz in rates_hz)
+        rates_hz = (self.after.rate_hz, self.most_hz, 1 / max(self.after.median_s, 1e-9))
+        nearest_off = min(abs(p.counted_hz(rate_hz) / p.rate_hz - 1) for rate_hz in rates_hz)
         return ramp(nearest_off, p.full_within, p.zero_beyond)
 
 
 #: Shortest part of a window with a rate of its own, in s.
 _LASTING_S = 1.0
+#: Relative difference of usual intervals from which a rate has changed.
+_OTHER_RATE = 0.02
 
 
-def _change(context: Context, topic: str, published: Publication, least_s: float) -> _Change | None:
+def _change(
+    context: Context, p: _Timed, published: Publication, wanted_hz: float
+) -> _Change | None:
     """Divide a window where the count of messages departs most from an even one.
 
-    None without two lasting parts, or if their usual intervals differ by at most a time in s.
+    None without two lasting parts of different usual intervals, and none if the delays of the machine explain the
+    difference of their rates.
     """
     timing = published.timing
     span = published.span
@@ -361,14 +403,19 @@ def _change(context: Context, topic: str, published: Publication, least_s: float
     second = Span(turn_ns, span.end_ns)
     if min(first.duration_s, second.duration_s) < _LASTING_S:
         return None
-    stream = context.session.stream(topic)
+    stream = context.session.stream(p.topic)
     before = timing_of(stream, first)
     after = timing_of(stream, second)
     if before is None or after is None:
         return None
-    if abs(after.median_s - before.median_s) <= least_s:
+    differs = abs(after.median_s / max(before.median_s, 1e-9) - 1) > _OTHER_RATE
+    if not differs:
         return None
-    return _Change(before, after, second, first.duration_s)
+    rate_before = bounds.undelayed_rate(published.part(first, before), wanted_hz)
+    rate_after = bounds.undelayed_rate(published.part(second, after), wanted_hz)
+    if rate_before.meets(rate_after):
+        return None
+    return _Change(before, after, second, first.duration_s, rate_after.high)
 
 
 def _turn_ns(timing: Timing) -> int:
@@ -379,20 +426,15 @@ def _turn_ns(timing: Timing) -> int:
     return int(timing.times_ns[int(np.argmax(departures))])
 
 
-def _change_cause(topic: str) -> str:
-    """Name the mistake of a rate that changes, which also makes the intervals uneven."""
-    return f"rate of {topic} changes"
-
-
-def _changed(context: Context, p: TopicRate, change: _Change, share: float) -> Finding:
+def _changed(context: Context, p: TopicRate, change: _Change) -> Finding:
     """Grade the rate with which a node goes on after a change, and point at the timers that may set it."""
     before_hz = f"{change.before.rate_hz:.1f} Hz for {change.before_s:.1f} s"
     after_hz = f"{change.after.rate_hz:.1f} Hz"
     places: list[Location] = []
     for timer in _timers(context):
         places += claimed_at(timer)
-    return graded(
-        share,
+    changed = graded(
+        change.share(p),
         _expected_rate(p),
         f"{before_hz}, then {after_hz} for {change.span.duration_s:.1f} s",
         f"The rate changes: messages come at {before_hz}, then at {after_hz}.",
@@ -400,6 +442,12 @@ def _changed(context: Context, p: TopicRate, change: _Change, share: float) -> F
         where=(*dict.fromkeys(places), context.location(p.topic, change.span)),
         levels=CREDIT_LEVELS,
     )
+    return context.charge(changed, _changed_rate_of(p))
+
+
+def _changed_rate_of(p: _Timed) -> str:
+    """Name the mistake of a rate that changes, by its topic; it makes the intervals uneven too."""
+    return f"changed rate of {p.topic}"
 
 
 def _compared(rate_hz: float, p: TopicRate) -> str:
@@ -478,17 +526,17 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     if published is None or not len(published.timing.intervals_s):
         reason = "Too few messages arrived to measure the gaps between them."
         return unexplained(failed(_expected_jitter(p), "too few messages", reason, where=where))
-    found = _judge_jitter(p, published, where)
-    if not found.outcome.took_points:
-        return found
-    change = _change(context, p.topic, published, p.full_within_s)
+    uneven = _unevenness(context, p, published)
+    if not uneven.outcome.took_points:
+        return uneven
+    change = _change(context, p, published, published.timing.rate_hz)
     if change is None:
-        return found
-    return _uneven_by_change(context, p, found, change)
+        return uneven
+    return _uneven_by_change(context, p, uneven, change)
 
 
-def _judge_jitter(p: TopicJitter, published: Publication, where: tuple[Location, ...]) -> Finding:
-    """Judge a quantile of the intervals' distances from their median."""
+def _unevenness(context: Context, p: TopicJitter, published: Publication) -> Finding:
+    """Grade the quantile of the intervals' distances from their median."""
     timing = published.timing
     jitter = bounds.gaps(published, p.share, p.full_within_s / 2)
     deviation_s = jitter.nearest(timing.deviation_s(p.share))
@@ -501,10 +549,11 @@ def _judge_jitter(p: TopicJitter, published: Publication, where: tuple[Location,
         _expected_jitter(p),
         _shown_jitter(p, timing, apart(deviation_s * 1e3, *limits_ms, places=2)) + jitter.method,
         f"One gap in {round(1 / (1 - p.share))} is more than {off}.",
-        where=where,
+        where=(context.location(p.topic, p.span(context)),),
         best=shares.high,
         levels=_JITTER_LEVELS,
         doubt=shares.why,
+        hint=_SHORT_CALLBACK_HINT if _timers(context) else "",
     )
 
 
@@ -518,7 +567,7 @@ def _uneven_by_change(context: Context, p: TopicJitter, found: Finding, change: 
     )
     hint = "Keep one rate; the gaps are even then."
     changed = replace(found, measured=measured, reason=reason, hint=hint)
-    return context.charge(changed, _change_cause(p.topic))
+    return context.charge(changed, _changed_rate_of(p))
 
 
 def _expected_jitter(p: TopicJitter) -> str:

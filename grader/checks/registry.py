@@ -28,7 +28,6 @@ from grader.checks import (
     person,
     properties,
     publisher,
-    qos_tool,
     service,
     silence,
     subscriber,
@@ -104,8 +103,6 @@ _CHECKS = (
     Check(launch.launch_together, by_clock=True),
     # A package.
     Check(package.package_builds),
-    # A tool that compares QoS profiles.
-    Check(qos_tool.reported_traffic, by_clock=True),
     # Contents of messages, and their changes over time.
     Check(fields.field_range, by_clock=True),
     Check(fields.field_matches),

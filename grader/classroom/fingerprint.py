@@ -12,6 +12,7 @@ from typing import Any
 import confine
 import grader
 import launch_plan
+import ros_bag
 from grader.lab.kept_lab import interface_files, named_files
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.environment import versions
@@ -22,7 +23,7 @@ from grader.submission.extraction import Intake
 def engine_sha256() -> str:
     """Return the hash of the grader's own code, and of the versions in a recording."""
     ours: dict[str, Path] = {}
-    for package in (confine, grader, launch_plan):
+    for package in (confine, grader, launch_plan, ros_bag):
         for folder in package.__path__:
             for name, path in files_below(Path(folder)):
                 if not name.startswith("shipped_lab/"):

@@ -33,12 +33,12 @@ from grader.lab.steps.start import StartStep
 from grader.lab.yaml_with_lines import Fault, Loc, parse_yaml
 from grader.live.interfaces.build import provide, shipped_for
 from grader.live.sandbox.probing import probe_isolation
-from grader.recording.bag import Bag
 from grader.recording.session import SessionRecord
 from grader.report.views import points
 from grader.result import CheckResult, Outcome, Result
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 from grader.submission.file_names import tool_folder
+from ros_bag.reading import Bag
 
 #: Bounds for importing the files of a lab.
 _IMPORT_BOUND = Bound(

@@ -30,10 +30,10 @@ from grader.lab.kept_lab import kept_files
 from grader.lab.kept_lab import remarks as remarks_on_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
-from grader.recording.bag import METADATA_FILE
 from grader.result import Result, load_result, result_of_text
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from grader.submission.separation import made_from, uncounted_overrides
+from ros_bag.writing import METADATA_FILE
 
 #: A rubric and the overrides for judging.
 Measure = tuple[Rubric, Overrides]

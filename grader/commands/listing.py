@@ -14,6 +14,7 @@ from rich.text import Text
 
 from grader.commands import COMMANDS
 from grader.commands.arguments import add_flag, as_sentence, parser_of
+from grader.commands.outline import outline_of, own_api
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import meant
 
@@ -123,12 +124,14 @@ def run_listing(command: str, arguments: Sequence[str], console: Console) -> int
     """Print the chosen checks, steps or figures; returns the exit status."""
     entries = entries_of(command)
     parser = parser_of(f"grade {command}", as_sentence(COMMANDS[command]))
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="list only these, each with an example"
-    )
+    own = own_api() if command == "checks" else {}
+    words = "list only these, each with an example"
+    if own:
+        words += "; Context, Submission, Messages and all other names of grader.own_checks too"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=words)
     add_flag(parser, "--json", "print JSON, with all examples")
     options = parser.parse_args(arguments)
-    known = [entry.name for entry in entries]
+    known = [*(entry.name for entry in entries), *own]
     for name in options.names:
         if name not in known:
             parser.error(f"there is no {name!r}{meant(name, known)}")
@@ -140,6 +143,9 @@ def run_listing(command: str, arguments: Sequence[str], console: Console) -> int
         return 0
     for entry in chosen:
         _print_entry(entry, console, with_example=bool(options.names))
+    for name in options.names:
+        if name in own:
+            console.print(f"{outline_of(own[name])}\n", soft_wrap=True, markup=False)
     if not options.names:
         words = f"\n`grade {command} NAME` shows an example, `--json` everything for programs."
         console.print(Text(words, "dim"))

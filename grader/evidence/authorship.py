@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from grader.recording.bag import Bag, Stream
 from grader.recording.session import Published
 from grader.recording.trusted_channel import DIGEST_DIGITS, digest
+from ros_bag.reading import Bag, Stream
 
 
 @dataclass(frozen=True)

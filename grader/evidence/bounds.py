@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grader.evidence.cpu_delay import Calm, Delay, Span, calm_intervals, shares_around
+from grader.evidence.cpu_delay import (
+    Calm,
+    Delay,
+    Span,
+    calm_intervals,
+    delay_before,
+    shares_around,
+)
 from grader.evidence.recorded import Booleans, Floats, Integers, Recorded
 from grader.evidence.schedule import kept_schedule
 from grader.evidence.timing import Timing, timing_of
@@ -55,6 +62,10 @@ class Interval:
     def within(self, other: Interval) -> Interval:
         """Return the interval, cut to another one."""
         return replace(self, low=other.nearest(self.low), high=other.nearest(self.high))
+
+    def meets(self, other: Interval) -> bool:
+        """Return whether a value can lie in both intervals."""
+        return self.low <= other.high and other.low <= self.high
 
     def off(self, wanted: float) -> Interval:
         """Return the relative distance from a wanted value.
@@ -357,8 +368,8 @@ def undelayed_rate(published: Publication, wanted_hz: float) -> Interval:
     """Return the lowest and the highest rate of a program on an idle machine, by all intervals, in Hz.
 
     Neither bound goes beyond the wanted rate. The program lost at most its time of waiting for a core, and may have
-    sent messages late that were due before the window. A few delays do not change the median interval; many can
-    lengthen half of the intervals.
+    sent messages late that were due before the window. A few delays do not change the median interval; many, or short
+    ones in most intervals, lengthen half of the intervals.
     """
     timing = published.timing
     length_s = published.length_s
@@ -371,11 +382,23 @@ def undelayed_rate(published: Publication, wanted_hz: float) -> Interval:
     longer_s = 0.0
     if delayed.exceeds(MANY_DELAYS):
         longer_s = 2 * delayed.delay_s / max(len(timing.intervals_s), 1)
+    usual_s = min(timing.median_s - longer_s, _undelayed_median_s(published))
     undelayed_hz = math.inf
-    if timing.median_s > longer_s:
-        undelayed_hz = 1 / (timing.median_s - longer_s)
+    if usual_s > 0:
+        undelayed_hz = 1 / usual_s
     most_hz = min(count(timing.rate_hz, delayed).high, undelayed_hz, wanted_hz)
     return Interval(min(timing.rate_hz, least_hz), max(timing.rate_hz, most_hz))
+
+
+def _undelayed_median_s(published: Publication) -> float:
+    """Return the median of the intervals without the delays within each, in s."""
+    timing = published.timing
+    if published.run is None or not published.run.disturbed or not len(timing.intervals_s):
+        return timing.median_s
+    delays = published.recorded.delays(published.run)
+    starts_ns = timing.times_ns - np.round(timing.intervals_s * 1e9).astype(np.int64)
+    within_ns = delay_before(delays, timing.times_ns) - delay_before(delays, starts_ns)
+    return float(np.median(timing.intervals_s - within_ns / 1e9))
 
 
 def gaps(published: Publication, share: float, harmless_s: float) -> Measured:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grader.recording.definitions import field_steps
+from ros_bag.definitions import field_steps
 
 _NUMBERS = (bool, int, float, np.number, np.bool_)
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")

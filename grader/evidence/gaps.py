@@ -10,9 +10,9 @@ import numpy as np
 
 from grader.evidence.authorship import Authorship, authorship, digests_of
 from grader.evidence.recorded import Recorded
-from grader.recording.bag import Stream
 from grader.recording.session import ProcessRun, Published, RecordingGap
 from grader.recording.trusted_channel import digest
+from ros_bag.reading import Stream
 
 #: The limit of a session's recording, as `ProcessRun.limit` names limits.
 RECORDING = "recording"

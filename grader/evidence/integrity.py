@@ -20,7 +20,6 @@ import numpy as np
 from grader.evidence.cpu_delay import Span
 from grader.evidence.gaps import dropped
 from grader.evidence.recorded import Recorded, Sighting
-from grader.recording.bag import Stream
 from grader.recording.session import (
     GRADER_NAMESPACE,
     PARTICIPANT_DIGITS,
@@ -31,6 +30,7 @@ from grader.recording.session import (
     ServiceEndpoint,
 )
 from grader.result import Location, Violation, ViolationKind
+from ros_bag.reading import Stream
 
 #: Topics on which every node publishes.
 _SHARED_TOPICS = ("/rosout", "/parameter_events")

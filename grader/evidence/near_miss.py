@@ -162,7 +162,7 @@ def near_miss(
     ----------
     others
         Other names of the lab that are missing in the graph. A candidate that is more like one of them is not taken:
-        `/my_number` is no `/number_count` where `/number` is missing too.
+        `/my_depth` is no `/depth_count` where `/depth` is missing too.
     """
     rivals = set(others) - {wanted}
     found = set()

@@ -22,10 +22,8 @@ from grader.evidence.fields import numbers_of, time_ns
 from grader.evidence.text.output import plain_output
 from grader.lab.steps.call import CallStep
 from grader.lab.steps.observe import ObserveResult
+from grader.lab.steps.publish import PublishStep
 from grader.lab.steps.wait_for import WaitForStep
-from grader.recording.bag import Bag, Stream
-from grader.recording.definitions import field_steps
-from grader.recording.elements import MOST_VALUES
 from grader.recording.session import (
     LINK,
     PARTICIPANT_DIGITS,
@@ -40,6 +38,9 @@ from grader.recording.session import (
     StepRun,
     read_session,
 )
+from ros_bag.definitions import field_steps
+from ros_bag.elements import MOST_VALUES
+from ros_bag.reading import Bag, Stream
 
 #: Largest step of the system clock against the monotonic clock, in s, that is not a setting of the clock.
 _STEP_S = 0.002
@@ -150,10 +151,15 @@ class Recorded:
         return None
 
     def window(self, label: str) -> Span | None:
-        """Return the span of an `observe` step, if its window opened; it holds the message that opened it."""
+        """Return the span of an `observe` step, if its window opened; it holds the message that opened it.
+
+        The window of a `publish` step is the time of the step.
+        """
         step = self.step(label)
         if step is None:
             return None
+        if step.kind == PublishStep.kind:
+            return Span(step.started_ns, step.ended_ns)
         window = ObserveResult.of(step)
         if window.opened_ns is None or window.closed_ns is None:
             return None

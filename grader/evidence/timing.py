@@ -16,7 +16,7 @@ import numpy as np
 
 from grader.evidence.cpu_delay import Delay, Span, delay_before
 from grader.evidence.recorded import Floats, Integers
-from grader.recording.bag import Stream
+from ros_bag.reading import Stream
 
 #: Largest honest difference of times on the way, in s.
 _UNEVEN_WAY_S = 0.003

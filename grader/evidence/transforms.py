@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of, time_ns
 from grader.evidence.recorded import Floats, Integers
-from grader.recording.bag import Stream
+from ros_bag.reading import Stream
 
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 #: Transforms of a topic that are read.

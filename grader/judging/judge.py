@@ -23,10 +23,10 @@ from grader.judging.remarks import advisories_of, chosen_files
 from grader.judging.rules import TOO_LARGE, Case, decide, faults
 from grader.judging.score import score_criteria, total
 from grader.lab.rubric import CheckSpec, Rubric
-from grader.recording.elements import MOST_VALUES
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import Finding, Result, Violation
+from ros_bag.elements import MOST_VALUES
 
 
 @dataclass(frozen=True)

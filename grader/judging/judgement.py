@@ -21,14 +21,14 @@ from grader.judging.judge import FULL, Effort, Recordings, judge, open_recording
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import CriterionSpec, Rubric
-from grader.recording.bag import Stream
-from grader.recording.definitions import DefinitionNotFound, definition_of
-from grader.recording.elements import MOST_VALUES
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import EARLIER_FILE
 from grader.submission.submission_time import submission_time_of
+from ros_bag.definitions import DefinitionNotFound, definition_of
+from ros_bag.elements import MOST_VALUES
+from ros_bag.reading import Stream
 
 if TYPE_CHECKING:
     from grader.report.figures.svg import Figure

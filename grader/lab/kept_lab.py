@@ -24,8 +24,8 @@ import grader
 from grader import yaml_text
 from grader.errors import RecordingError
 from grader.lab.rubric import Rubric
-from grader.recording.interfaces import read_folder
 from grader.recording.submission import read_submission
+from ros_bag.interfaces import read_folder
 
 #: The rubric in a lab's folder.
 RUBRIC_FILE = "rubric.yaml"
@@ -80,11 +80,12 @@ def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
 
 
 def interface_files(rubric: Rubric) -> list[str]:
-    """Return the definitions of a lab's own interfaces, as paths beside the rubric."""
-    if rubric.interfaces is None:
-        return []
-    names = read_folder(rubric.folder / rubric.interfaces)
-    return [f"{rubric.interfaces}/{name}" for name in names]
+    """Return the definitions of interfaces, the lab's own and the asked ones, as paths beside the rubric."""
+    found = []
+    for folder in (rubric.interfaces, rubric.asked_interfaces):
+        if folder is not None:
+            found += [f"{folder}/{name}" for name in read_folder(rubric.folder / folder)]
+    return found
 
 
 def functions_of(part: BaseModel) -> list[str]:

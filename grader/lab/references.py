@@ -35,7 +35,7 @@ from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Fault, Loc, Strict, mistakes_at, suggestion
-from grader.recording.definitions import (
+from ros_bag.definitions import (
     also_defined,
     field_steps,
     fields_of,
@@ -43,7 +43,7 @@ from grader.recording.definitions import (
     packages_with,
     types_in,
 )
-from grader.recording.interfaces import PARTS, InterfacePackage, packages_of, read_folder
+from ros_bag.interfaces import PARTS, InterfacePackage, packages_of, read_folder
 
 #: Topics that every ROS system has.
 _STANDARD_TOPICS = {
@@ -454,7 +454,7 @@ RefusalLabel = Annotated[
 TransitionLabel = Annotated[str, step_label("change_state")]
 ExitLabel = Annotated[str, step_label("wait_exit")]
 LinkLabel = Annotated[str, step_label("link")]
-Window = Annotated[str, step_label("observe")]
+Window = Annotated[str, step_label("observe", "publish")]
 Process = Annotated[str, _process()]
 StudentProcesses = Annotated[str, _process("*")]
 

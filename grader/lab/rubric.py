@@ -61,8 +61,8 @@ from grader.lab.yaml_with_lines import (
     read_text,
     suggestion,
 )
-from grader.recording.definitions import also_defined
-from grader.recording.interfaces import InterfacePackage
+from ros_bag.definitions import also_defined
+from ros_bag.interfaces import InterfacePackage
 
 #: `file.py:function`, beside the rubric.
 _OWN_PATTERN = r"\.py:\w+$"
@@ -459,6 +459,11 @@ class RubricFile(Parameters):
 
     lab: LabSpec
     interfaces: InterfaceFolder | None = None
+    asked_interfaces: InterfaceFolder | None = Field(
+        None,
+        description="Folder beside the rubric: interfaces that students are asked to define. The rubric may name "
+        "their types; those of a submission are used.",
+    )
     artifacts: dict[str, ArtifactSpec] = Field(
         default_factory=dict, description="What students hand in."
     )
@@ -582,7 +587,7 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
     errors = []
     for folder in folders or (path.resolve().parent,):
         try:
-            with also_defined(readable_interfaces(folder, plain.get("interfaces"))):
+            with also_defined(_interfaces_beside(folder, plain)):
                 found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds))
         except ValidationError as error:
             errors.append(error)
@@ -591,6 +596,14 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
         return Rubric(**dict(found), folder=folder, text=text)
     mistakes.add_validation((), min(errors, key=lambda error: error.error_count()))
     raise mistakes.error(_REMEDY)
+
+
+def _interfaces_beside(folder: Path, plain: Mapping[str, Any]) -> list[InterfacePackage]:
+    """Return the readable packages of interfaces in the folders that a rubric names."""
+    found = []
+    for key in ("interfaces", "asked_interfaces"):
+        found += readable_interfaces(folder, plain.get(key))
+    return found
 
 
 def own_models(rubric: Rubric) -> dict[str, type[Parameters]]:

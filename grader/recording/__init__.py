@@ -1,1 +1,1 @@
-"""The format on disk: the only bridge between the live half and the judging half."""
+"""The format on disk, beside the bags of `ros_bag`: the only bridge between the live half and the judging half."""

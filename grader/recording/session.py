@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from grader.recording.record import read_record, write_record
+from ros_bag.qos import Qos
 
 SESSION_SCHEMA = "ros-lab-grader/session/v1"
 SESSION_FILE = "session.json"
@@ -107,23 +108,6 @@ class ProcessRun:
     def ended_unasked(self) -> bool:
         """True if it ended, and was not interrupted before."""
         return self.exited_ns is not None and self.interrupted_ns is None
-
-
-@dataclass
-class Qos:
-    """A QoS profile as rclpy spells its policies, in lower case ("reliable", "keep_last", ...).
-
-    `history` is "unknown" and `depth` 0 if they come from discovery. Durations in ns, None for infinite.
-    """
-
-    reliability: str = "unknown"
-    durability: str = "unknown"
-    history: str = "unknown"
-    depth: int = 0
-    deadline_ns: int | None = None
-    lifespan_ns: int | None = None
-    liveliness: str = "unknown"
-    liveliness_lease_ns: int | None = None
 
 
 @dataclass

@@ -68,8 +68,8 @@ class Identity:
     def completed(self, other: Identity) -> Identity:
         """Return this identity, with the facts of another one of the same submission where this one has none."""
         people = self.people or other.people
-        if self.people and other.people:
-            people = (people[0].completed(other.people[0]), *people[1:])
+        for first in other.people[:1]:
+            people = (people[0].completed(first), *people[1:])
         system = self.system or other.system
         handback = self.handback or other.handback
         return Identity(people, system, handback)

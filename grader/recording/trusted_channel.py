@@ -50,9 +50,11 @@ def _collect(run: ProcessRun, record: SessionRecord) -> None:
     by_topic: dict[tuple[str, str], Published] = {}
     kept = []
     for line in run.output:
-        is_report = line.stream == "stdout"
-        participant = _PARTICIPANT.fullmatch(line.text) if is_report else None
-        published = _PUBLISHED.fullmatch(line.text) if is_report else None
+        if line.stream != "stdout":
+            kept.append(line)
+            continue
+        participant = _PARTICIPANT.fullmatch(line.text)
+        published = _PUBLISHED.fullmatch(line.text)
         if participant:
             record.trusted.append(Trusted(run.name, participant[1]))
         elif published:

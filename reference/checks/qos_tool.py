@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from grader.own_checks import (
     Artifact,
     Context,
+    Delayed,
     Durability,
     ExitLabel,
     Finding,
@@ -26,8 +27,6 @@ from grader.own_checks import (
     Topic,
     apart,
     check,
-    clash,
-    cpu_delay_doubt,
     graded,
     inconclusive,
     of_parts,
@@ -70,7 +69,8 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
             return unclear(expected, "no results", flaky)
     if run.interrupted_s is not None or run.ended_by != "itself":
         return _had_to_be_stopped(p, run, expected, has_results)
-    ran_s = _ended_s(context, run) - run.started_s
+    started_s, ended_s = context.life(run)
+    ran_s = ended_s - started_s
     ended = f"ended after {apart(ran_s, p.least_s, places=1)} s"
     measured = f"{ended} with status {run.exit_status}"
     if has_results:
@@ -155,21 +155,23 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
 
     Too few messages earn their share of a topic, and another name costs a part of it.
     """
-    delays = [_delay_of(context, run) for run in context.runs() if run.role == "student"]
-    delay = max(delays, default=_Delay(0.0, 0.0))
+    delay = Delayed(0.0, 0.0)
+    for run in context.runs():
+        if run.role == "student":
+            delay = max(delay, context.delayed(run, *context.life(run)))
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
     parts = [_judge_traffic(context, p, topic, delay) for topic in p.topics]
-    return of_parts(expected, parts, doubt=delay.doubt)
+    return of_parts(expected, parts, doubt=delay.why)
 
 
-def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: _Delay) -> Part:
+def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: Delayed) -> Part:
     """Judge the number of messages on one topic."""
     used = context.used(topic)
     count = _written(context, topic)
     undelayed = without_delay(count, delay.delay_s, delay.length_s)
     reasons = []
     heard = 1.0
-    unheard = _unheard(context, topic) if count else ""
+    unheard = context.unheard(topic) if count else ""
     if unheard:
         heard = p.unheard_credit
         reasons.append(unheard)
@@ -186,43 +188,6 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: _
 
 def _share_of(count: float, p: TopicsCarryTraffic) -> float:
     return min(1.0, quantise(count / p.least_messages))
-
-
-def _unheard(context: Context, topic: str) -> str:
-    """Say why the student's own side cannot receive the messages on a topic; empty if it can."""
-    offers = context.endpoints(topic, "publisher")
-    requests = context.endpoints(topic, "subscription")
-    if not requests:
-        return f"Nothing subscribes to {topic}."
-    policy = clash(requests[0], offers[0].qos) if offers else None
-    if policy is None:
-        return ""
-    return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
-
-
-@dataclass(frozen=True, order=True)
-class _Delay:
-    """Machine delay of a process, and the time that it ran, both in seconds."""
-
-    delay_s: float
-    length_s: float
-
-    @property
-    def doubt(self) -> str:
-        """Say that the delay may be the reason of a loss."""
-        return cpu_delay_doubt(self.delay_s, self.length_s)
-
-
-def _delay_of(context: Context, run: Run) -> _Delay:
-    """Return the machine delay of a process over its whole life."""
-    ended_s = _ended_s(context, run)
-    delay_s = context.machine_delay_s(run, run.started_s, ended_s)
-    return _Delay(delay_s, ended_s - run.started_s)
-
-
-def _ended_s(context: Context, run: Run) -> float:
-    """Return the end of a process, or of the session if it did not end."""
-    return context.duration_s if run.exited_s is None else run.exited_s
 
 
 def _written(context: Context, topic: str) -> int:

@@ -149,6 +149,14 @@ class Alternative(BaseModel):
         return reason, f"Append a copy in line {line}: `{copying}`.", (Location(file=path, line=line),)
 
 
+class FewerReports(BaseModel):
+    """A known mistake by which a node reports for some messages only."""
+
+    oracle: Loadable = Field(description="file.py:function that counts the reports.")
+    meaning: str
+    credit: float = Field(ge=0, le=1)
+
+
 class ReportShare(BaseModel):
     """Share of messages with a report, among those that an oracle counts as reportable."""
 
@@ -156,6 +164,9 @@ class ReportShare(BaseModel):
     full_from: Share = 0.9
     costs: Share = Field(
         0.25, description="Share of the credit that a node loses which reports for next to none."
+    )
+    fewer: tuple[FewerReports, ...] = Field(
+        (), description="Known ways to fewer reports; the first with the right number is meant."
     )
 
 
@@ -273,6 +284,19 @@ class _ReportCount:
     measured: str
     reason: str
     doubt: str
+    #: Share of credit that a known mistake with as many reports leaves.
+    leaves: float = 1.0
+
+    def credit(self, finding: Finding, p: ReportShare) -> float:
+        """Return the credit of a finding, less the cost of messages without a report."""
+        return _credit_left(finding, p, self.share) * self.leaves
+
+    def best_credit(self, finding: Finding, p: ReportShare) -> float:
+        """Return the credit if the machine caused as many losses as it can have; it may have caused all of them."""
+        best = _credit_left(finding, p, self.best)
+        if self.best < 1:
+            best *= self.leaves
+        return best
 
 
 @check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
@@ -287,13 +311,13 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     if count.share >= 1.0:
         return finding
     less = graded(
-        _credit_left(finding, p.share, count.share),
+        count.credit(finding, p.share),
         finding.expected,
         f"{finding.measured}; {count.measured}",
         f"{finding.reason} {count.reason}".strip(),
         where=finding.where,
         notes=finding.notes,
-        best=_credit_left(finding, p.share, count.best),
+        best=count.best_credit(finding, p.share),
         doubt=count.doubt,
     )
     return replace(less, causes=finding.causes)
@@ -731,28 +755,61 @@ def _heard_of_some(
 
 def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> _ReportCount:
     """Count the messages with a report, as far as the output was kept."""
-    streams = p.recorded(context) or {}
-    kept = ""
-    last_s = _output_kept_until_s(context, p)
-    if last_s is not None:
-        kept = ", as far as its output is kept: it printed more"
-        for role, stream in streams.items():
-            received = [context.since_start_s(t_ns) <= last_s for t_ns in stream.received_ns.tolist()]
-            streams[role] = stream.only(np.array(received))
-    count_messages = context.oracle(of.oracle)
-    possible = int(count_messages(streams, dict(p.parameters), context.seed))
+    streams, kept = _received_while_kept(context, p)
+    possible = int(context.oracle(of.oracle)(streams, dict(p.parameters), context.seed))
     lines = context.reports(p.artifact, p.pattern)
     heard = len(_without_repeats(context, p, lines))
     repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
     lost, doubt = _lost_to_machine(context, p)
     share = heard / max(1, possible) / of.full_from
-    return _ReportCount(
+    count = _ReportCount(
         share,
         share + lost / of.full_from,
         f"{heard} reports{repeats} for {possible} messages{kept}",
         f"Only {heard} of {possible} messages led to a report.",
         doubt,
     )
+    mistake = _mistake_of_count(context, p, of, streams, heard)
+    if mistake is None:
+        return count
+    return replace(count, reason=f"{count.reason} {mistake.meaning}", leaves=mistake.credit)
+
+
+def _received_while_kept(
+    context: Context, p: ReportedSeries
+) -> tuple[dict[str, NumericStream], str]:
+    """Return the streams as far as the output of the node was kept, and a clause about that."""
+    streams = p.recorded(context) or {}
+    last_s = _output_kept_until_s(context, p)
+    if last_s is None:
+        return streams, ""
+    for role, stream in streams.items():
+        received = [context.since_start_s(t_ns) <= last_s for t_ns in stream.received_ns.tolist()]
+        streams[role] = stream.only(np.array(received))
+    return streams, ", as far as its output is kept: it printed more"
+
+
+def _mistake_of_count(
+    context: Context,
+    p: ReportedSeries,
+    of: ReportShare,
+    streams: Mapping[str, NumericStream],
+    heard: int,
+) -> FewerReports | None:
+    """Return the known mistake that leads to as many reports; None if there is none."""
+    if heard < _LEAST_OF_MISTAKE:
+        return None
+    for fewer in of.fewer:
+        alike = context.oracle(fewer.oracle)(streams, dict(p.parameters), context.seed)
+        if math.isclose(heard, alike, rel_tol=_SAME_COUNT):
+            return fewer
+    return None
+
+
+#: Relative difference up to which two numbers of reports are the same.
+_SAME_COUNT = 0.07
+#: Number of reports from which their number tells of a mistake.
+_LEAST_OF_MISTAKE = 50
 
 
 def _output_kept_until_s(context: Context, p: ReportedSeries) -> float | None:

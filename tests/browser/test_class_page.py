@@ -18,6 +18,7 @@ from grader.report.class_page import render
 from grader.result import Outcome
 from tests.browser.chromium import DESK, NARROW, PAPER, PHONE, browser, letters, printed, visit
 from tests.sample_class import sample_class
+from tests.thorough import part
 
 pytestmark = pytest.mark.browser
 
@@ -49,11 +50,21 @@ def file(summary: ClassSummary, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return path
 
 
-@pytest.fixture
-def page(chromium: Browser, file: Path) -> Iterator[Page]:
-    """Give the class page opened on a desk."""
+@pytest.fixture(scope="module")
+def desk(chromium: Browser, file: Path) -> Iterator[Page]:
+    """Give a page of the browser for all tests of the class page, and see that none made it complain."""
     with visit(chromium, file) as seen:
         yield seen.page
+
+
+@pytest.fixture
+def page(desk: Page, file: Path) -> Page:
+    """Give the class page loaded anew on a desk."""
+    desk.set_viewport_size({"width": DESK[0], "height": DESK[1]})
+    desk.emulate_media(media="screen")
+    desk.goto("about:blank")
+    desk.goto(file.as_uri())
+    return desk
 
 
 def names(page: Page) -> list[str]:
@@ -243,8 +254,8 @@ def test_names_of_those_shown_are_copied(page: Page) -> None:
 
 def test_the_last_row_holds_the_means_of_those_shown(page: Page) -> None:
     """The means of the columns add up to the mean of the points, of all students and of any part."""
-    for part in ("a", "o"):
-        page.get_by_label("Name").fill(part)
+    for typed in ("a", "o"):
+        page.get_by_label("Name").fill(typed)
         cells = [
             text.strip() for text in page.locator("#class-table tfoot tr > *").all_text_contents()
         ]
@@ -301,9 +312,7 @@ def test_focus_is_seen(page: Page) -> None:
 # -- everywhere --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("size", "dark"), [(DESK, False), (PHONE, True)], ids=["desk, light", "phone, dark"]
-)
+@pytest.mark.parametrize(("size", "dark"), part([(DESK, False), (PHONE, True)], 2))
 def test_nothing_keeps_anyone_from_using_it(
     chromium: Browser, file: Path, size: tuple[int, int], dark: bool
 ) -> None:

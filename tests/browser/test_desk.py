@@ -18,8 +18,9 @@ from grader.result_folder import RECORDINGS, RESULT_FILE
 from tests.browser.chromium import Visit, browser, visit
 from tests.desk.made_class import Served, add_alike, serve
 from tests.report.untrusted_texts import FRAGMENTS
+from tests.thorough import part
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.usefixtures("judged_before")]
 
 OPEN, APPEALS = 15, 10
 #: Texts that browsers, terminals and spreadsheets obey, as in the tests of all other sinks.
@@ -192,7 +193,7 @@ def settle_services(keys: Keyboard) -> None:
     keys.press("Enter")
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", part([False, True], 2))
 def test_the_desk_can_be_used_by_all(
     chromium: Browser, made: Path, tmp_path: Path, dark: bool
 ) -> None:

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Page, expect
 
 from grader import result_folder
 from grader.judging import rubrics
 from grader.result import Outcome, load_result
 from tests.browser.chromium import DESK, NARROW, PAPER, PHONE, browser, letters, printed, visit
 from tests.regraded import judge_results
+from tests.thorough import part
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.usefixtures("judged_before")]
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 NAMES = ("solution", "service_never_answers", "qos_invented_numbers", "launch_wrong_executable")
+#: Reports in light and in dark colours; every run examines one of each.
+STATES = [*product(NAMES, [False]), *product(reversed(NAMES), [True])]
 #: Adjustments of one report.
 OVERRIDES = """
 overrides:
@@ -47,8 +52,56 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / name / result_folder.REPORT_FILE for name in NAMES}
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("name", NAMES)
+@dataclass(frozen=True)
+class Measures:
+    """Measurements of one report on a phone and on paper.
+
+    Attributes
+    ----------
+    width : int
+        Width of the page on a phone, in px.
+    narrow, narrow_unfolded : list of str
+        Columns on paper that are one letter wide, with all parts as they are, and unfolded.
+    smallest : float
+        Smallest letter in a figure on a phone, in px.
+    outside : list of str
+        Lines of text in figures that are cut off there.
+    """
+
+    width: int
+    narrow: list[str]
+    narrow_unfolded: list[str]
+    smallest: float
+    outside: list[str]
+
+
+def narrow_on_paper(page: Page) -> list[str]:
+    """Return columns that are one letter wide when the page is printed; afterwards the page is as before."""
+    page.set_viewport_size({"width": PAPER[0], "height": PAPER[1]})
+    page.emulate_media(media="print")
+    found: list[str] = page.evaluate(NARROW)
+    page.evaluate("document.body.style.width = ''")
+    page.emulate_media(media="screen")
+    page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    return found
+
+
+@pytest.fixture(scope="module")
+def measures(chromium: Browser, reports: dict[str, Path]) -> dict[str, Measures]:
+    """Open each report once, and measure it folded and unfolded."""
+    found = {}
+    for name, file in reports.items():
+        with visit(chromium, file, PHONE) as seen:
+            width = seen.page.evaluate("document.documentElement.scrollWidth")
+            folded = narrow_on_paper(seen.page)
+            seen.page.get_by_role("button", name="Expand all").click()
+            smallest, outside = seen.page.evaluate(WRITTEN)
+            unfolded = narrow_on_paper(seen.page)
+            found[name] = Measures(width, folded, unfolded, smallest, outside)
+    return found
+
+
+@pytest.mark.parametrize(("name", "dark"), part(STATES, 4))
 def test_nothing_keeps_anyone_from_using_it(
     name: str, dark: bool, chromium: Browser, reports: dict[str, Path]
 ) -> None:
@@ -104,36 +157,23 @@ def test_paper_has_what_cost_points_and_nothing_else(
 
 @pytest.mark.parametrize("unfolded", [False, True], ids=["folded", "unfolded"])
 def test_no_column_on_paper_is_one_letter_wide(
-    unfolded: bool, chromium: Browser, reports: dict[str, Path]
+    unfolded: bool, measures: dict[str, Measures]
 ) -> None:
     """Not even if somebody unfolds all parts before they print."""
-    for file in reports.values():
-        with visit(chromium, file, PAPER) as seen:
-            if unfolded:
-                seen.page.get_by_role("button", name="Expand all").click()
-            seen.page.emulate_media(media="print")
-            assert seen.page.evaluate(NARROW) == [], file
+    for name, found in measures.items():
+        assert (found.narrow_unfolded if unfolded else found.narrow) == [], name
 
 
-def test_a_phone_shows_it_without_scrolling_sideways(
-    chromium: Browser, reports: dict[str, Path]
-) -> None:
+def test_a_phone_shows_it_without_scrolling_sideways(measures: dict[str, Measures]) -> None:
     """Only tables and output scroll, in themselves."""
-    for file in reports.values():
-        with visit(chromium, file, PHONE) as seen:
-            assert seen.page.evaluate("document.documentElement.scrollWidth") == PHONE[0], file
+    assert {name: found.width for name, found in measures.items()} == dict.fromkeys(NAMES, PHONE[0])
 
 
-def test_what_is_written_in_figures_can_be_read_on_a_phone(
-    chromium: Browser, reports: dict[str, Path]
-) -> None:
+def test_what_is_written_in_figures_can_be_read_on_a_phone(measures: dict[str, Measures]) -> None:
     """No letter is smaller than 9.5 px, and no line ends outside of its picture."""
-    for file in reports.values():
-        with visit(chromium, file, PHONE) as seen:
-            seen.page.get_by_role("button", name="Expand all").click()
-            smallest, outside = seen.page.evaluate(WRITTEN)
-            assert smallest >= 9.5, file
-            assert outside == [], file
+    for name, found in measures.items():
+        assert found.smallest >= 9.5, name
+        assert found.outside == [], name
 
 
 #: Smallest size of letters in the pictures that are shown, and lines of text that are cut off.

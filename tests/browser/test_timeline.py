@@ -16,7 +16,7 @@ from grader.judging import rubrics
 from tests.browser.chromium import PHONE, browser, visit
 from tests.regraded import judge_results
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.usefixtures("judged_before")]
 
 TESTS = Path(__file__).resolve().parents[1]
 ROOM = "details.session#session-"

@@ -164,6 +164,31 @@ def test_the_students_own_names_count() -> None:
     assert static("readme", README, record).outcome is Outcome.PASSED
 
 
+ELSEWHERE = (
+    "# Turtles\n\n    sudo apt install {0}\n    ros2 run {0} {0}_node\n\nIt draws a square.\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "credit"),
+    [
+        (ELSEWHERE.format("turtlesim"), "0"),
+        (ELSEWHERE.format("robots"), "0.5"),
+        (f"{ELSEWHERE.format('turtlesim')}\n    python3 <file>.py\n", "0.5"),
+        (ELSEWHERE.format("turtlesim") + FILLED, "1"),
+    ],
+    ids=["other work", "package of the submission", "a placeholder", "this work too"],
+)
+def test_commands_of_other_work_do_not_run_this_one(text: str, credit: str) -> None:
+    """A README of another lab says nothing about this one, unless a command can be for it."""
+    files = {"README.md": text, "talk.py": "", "hear.py": "", "setup.py": "name='robots'"}
+    commands = [*README["commands"], r"ros2\s+run\s+\S+", r"python3?\s+<\w+>"]
+    record = submission(files, talk="talk.py", hear="hear.py")
+    finding = static("readme", {**README, "commands": commands}, record)
+    assert finding.credit == Decimal(credit)
+    assert ("run other work: ros2 run turtlesim" in finding.reason) == (credit == "0")
+
+
 def test_no_readme_fails() -> None:
     """Without any text file there is no README."""
     finding = static("readme", README, submission({"it.py": "x = 1\n"}))
@@ -195,6 +220,29 @@ def test_code_is_credited_by_its_share(explained: int, credit: float) -> None:
     if credit < 1:
         assert f"explains it.py, f{explained}" in finding.reason
         assert [w.file for w in finding.where] == ["it.py"] * (4 - explained)
+
+
+@pytest.mark.parametrize(
+    ("notes", "credit"),
+    [
+        ("# Talks to all robots every second\n", 1.0),
+        ('"""Talks to robots."""\n', 1.0),
+        ("# Talks to robots\n", 0.0),
+        ("", 0.0),
+    ],
+)
+def test_a_few_words_in_comments_explain_no_file(notes: str, credit: float) -> None:
+    """Comments of five words explain a file, and a docstring does with two."""
+    parameters = {**CODE, "full_from": 1.0, "file_words": 5}
+    text = f"{notes}import rclpy\n"
+    assert float(static("code_explained", parameters, of(text)).credit) == credit
+
+
+def test_files_may_weigh_more_than_what_is_in_them() -> None:
+    """One explained file and an unexplained function earn the weight of the files."""
+    parameters = {**CODE, "full_from": 1.0, "file_weight": 0.75}
+    text = f'"""Talks to robots."""\nclass Node:\n    def f(self):\n{LONG}'
+    assert float(static("code_explained", parameters, of(text)).credit) == 0.75
 
 
 def test_what_counted_and_what_did_not_is_listed() -> None:
@@ -444,7 +492,9 @@ def test_units_are_counted_by_their_kind() -> None:
     finding = static(
         "code_explained", CODE, of('"""Publish commands to the arm."""\nrate_hz = 100\n')
     )
-    assert finding.measured == "files: 1 of 1; classes and functions: 0 of 0; together 100%"
+    assert (
+        finding.measured == "files: 1 of 1; classes and functions: 0 of 0; with these weights 100%"
+    )
 
 
 def test_the_places_without_a_text_are_named() -> None:

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from grader.recording.session import Qos
 from grader.result import Finding, Outcome
+from ros_bag.qos import Qos
 from tests.synthetic import START_NS, Session, at, judged
 
 STAMPED, FLOAT = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64"

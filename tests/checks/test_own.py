@@ -6,6 +6,7 @@ import json
 import pickle
 import shutil
 import threading
+from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -105,10 +106,12 @@ def session(folder: Path, rows: list[list[float]] | None = None) -> Session:
     return made.messages(TOPIC, rows, evenly(10, 0.9)[: len(rows)]).window(0.5, 5.0)
 
 
-def judged(rubric: Path, made: Session) -> CheckResult:
+def judged(rubric: Path, made: Session, left_out: Sequence[str] = ()) -> CheckResult:
     """Judge a recording by a rubric of one check."""
-    recorded = made.recorded()
-    (found,) = judge(Recordings(submission(), {"experiment": recorded}), read_rubric(rubric)).checks
+    record = submission()
+    record.left_out = list(left_out)
+    recordings = Recordings(record, {"experiment": made.recorded()})
+    (found,) = judge(recordings, read_rubric(rubric)).checks
     return found
 
 
@@ -272,11 +275,13 @@ def test_a_check_of_files_needs_no_session(tmp_path: Path) -> None:
 from grader.own_checks import Submission
 
 def rises(submission: Submission) -> Finding:
-    return passed("a file", submission.paths[0])
+    return passed("a file", f"{submission.paths[0]}, not {', '.join(submission.left_out)}")
 """
     text = RUBRIC.replace("        session: experiment\n        check", "        check")
     text = text.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
-    assert judged(lab(tmp_path / "a", body, text), session(tmp_path)).measured == "it.py"
+    left_out = ["ws/build/: made by a tool"]
+    found = judged(lab(tmp_path / "a", body, text), session(tmp_path), left_out)
+    assert found.measured == "it.py, not ws/build/"
     with pytest.raises(RubricError) as caught:
         read_rubric(
             lab(tmp_path / "b", body.replace("submission: Submission", "submission: Context"), text)

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from grader.recording.session import Endpoint, GraphSnapshot, Qos
+from grader.recording.session import Endpoint, GraphSnapshot
 from grader.result import Outcome
+from ros_bag.qos import Qos
 from tests.synthetic import BEST_EFFORT, FLOATS, RELIABLE, Session, at, judged, submission
 
 COMMAND, STATE = "/commands", "/states"

@@ -361,14 +361,15 @@ def kill(family: Family, victim: str) -> set[int]:
 @pytest.mark.parametrize("victim", VICTIMS)
 def test_a_process_that_is_killed_is_replaced(tmp_path: Path, victim: str) -> None:
     """A run goes on after any process of a session is killed, and grades the lost work again."""
-    small = make_class(tmp_path, dict.fromkeys(NAMES, TALKER))
+    names = NAMES[:3]
+    small = make_class(tmp_path, dict.fromkeys(names, TALKER))
     with small.start("-j", "2") as process:
         family = half_done(small, process.pid)
         assert kill(family, victim)
         output, errors = process.communicate(timeout=120)
     assert (process.returncode, errors) == (0, "")
-    assert "4 graded" in output
-    assert earned(small) == dict.fromkeys(NAMES, 1)
+    assert "3 graded" in output
+    assert earned(small) == dict.fromkeys(names, 1)
     until(lambda: not family.left(), 10)
     assert remains(small.temporary) == []
 

@@ -173,7 +173,7 @@ def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(
     text = case.small.rubric.read_text(encoding="utf-8")
     patient = re.compile(r"(timeout_s\W+)[26]0\b")
     assert len(patient.findall(text)) == 2
-    case.small.rubric.write_text(patient.sub(r"\g<1>4", text), encoding="utf-8")
+    case.small.rubric.write_text(patient.sub(r"\g<1>2", text), encoding="utf-8")
     case.job = replace(case.job, rubric=read_rubric(case.small.rubric))
     ending = case.ends(alone_s=alone_s)
     assert isinstance(ending, Result)

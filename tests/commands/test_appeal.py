@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from decimal import Decimal
 from pathlib import Path
 
@@ -18,15 +19,23 @@ from grader.result import AdjustmentKind, Result, load_result
 from grader.result_folder import AUDIT_FILE, REPORT_FILE, RESULT_FILE
 from tests.desk.made_class import add_alike
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
 CHECK = "subscriber.mean"
 
 
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the results of a class of one student, with two points lost at a check."""
+    results = tmp_path_factory.mktemp("class") / "results"
+    add_alike(results, ["alice"], "signed_mean_statistics")
+    return results
+
+
 @pytest.fixture
-def alice(tmp_path: Path) -> Path:
-    """Give the results of a student in a class, with two points lost at a check."""
-    add_alike(tmp_path / "results", ["alice"], "signed_mean_statistics")
+def alice(judged: Path, tmp_path: Path) -> Path:
+    """Give a copy of the student's results."""
+    shutil.copytree(judged, tmp_path / "results")
     return tmp_path / "results/alice"
 
 

@@ -36,6 +36,16 @@ def test_everything_is_listed_with_all_its_parameters(command: str) -> None:
         assert entry.description
 
 
+def test_arguments_of_a_labs_own_checks_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    """`grade checks Submission` prints the signatures and docstrings of its public members, without their bodies."""
+    assert main(["checks", "Submission", "Messages"]) == 0
+    shown = capsys.readouterr().out
+    assert "class Submission:" in shown
+    assert "def path_of(self, artifact: str) -> str | None:" in shown
+    assert "def numbers(self, path: str)" in shown
+    assert "_inner" not in shown
+
+
 @pytest.mark.parametrize(
     ("command", "entry"), CASES, ids=[f"{command} {entry.name}" for command, entry in CASES]
 )

@@ -12,7 +12,7 @@ import pytest
 
 from grader.evidence.fields import equal_within, value_at
 from grader.evidence.recorded import Recorded
-from grader.recording.definitions import SEPARATOR
+from ros_bag.definitions import SEPARATOR
 from tests.synthetic import Session, at, evenly
 
 TIMES = evenly(10, 0.5)

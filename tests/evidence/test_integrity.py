@@ -21,12 +21,12 @@ from grader.recording.session import (
     OutputLine,
     ProcessRun,
     Published,
-    Qos,
     ServiceEndpoint,
     Trusted,
 )
 from grader.recording.trusted_channel import digest
 from grader.result import Location, ViolationKind
+from ros_bag.qos import Qos
 from tests.synthetic import FLOATS, ROOT, Session, at, floats
 
 KEPT = sorted(path.parent for path in (ROOT / "tests/recordings").glob(f"*/*/{SESSION_FILE}"))

@@ -59,6 +59,14 @@ def test_a_window_is_there_if_it_opened(tmp_path: Path) -> None:
     assert recorded.window("other") is None
 
 
+def test_a_step_that_publishes_is_a_window(tmp_path: Path) -> None:
+    """The window of a `publish` step lasts from its start to its end."""
+    recorded = Session(tmp_path).step("publish", "commands", topic="/commands").recorded()
+    step = recorded.step("commands")
+    assert step is not None
+    assert recorded.window("commands") == Span(step.started_ns, step.ended_ns)
+
+
 @pytest.mark.parametrize(
     ("first_s", "begin_s"),
     [(1.2, 1.2), (0.4, 1.3), (1.7, 1.3)],

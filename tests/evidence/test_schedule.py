@@ -11,7 +11,7 @@ from grader.evidence.cpu_delay import Delay, calm_intervals
 from grader.evidence.recorded import Floats
 from grader.evidence.schedule import Schedule, kept_schedule
 from grader.evidence.timing import Timing, timing_of
-from grader.recording.bag import Stream
+from ros_bag.reading import Stream
 from tests.synthetic import at
 
 LENGTH_S = 6.0

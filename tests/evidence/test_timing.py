@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from grader.evidence.cpu_delay import Delay, Span
 from grader.evidence.timing import Timing, timing_of
-from grader.recording.bag import Stream
+from ros_bag.reading import Stream
 from tests.synthetic import START_NS, at
 
 
@@ -51,6 +51,15 @@ def test_samples_lost_by_the_recorder_change_neither_rate_nor_intervals(kept: li
     assert timing.rate_hz == pytest.approx(100, rel=1e-6)
     assert timing.written == numbers[-1]
     assert np.allclose(timing.intervals_s, 0.01)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2**32 - 1])
+def test_impossible_times_raise_nothing(first: int) -> None:
+    """A bag may state the smallest and the largest times and sequence numbers in any order."""
+    extreme = np.array([0, 2**63 - 1, 2**63 - 1, 0, 1], dtype=np.int64)
+    numbers = np.array([first, 2**32 - 1, 0, 1, 2], dtype=np.int64)
+    data = (b"",) * len(extreme)
+    timing_of(Stream("/a", "", extreme, extreme[::-1], numbers, data), None)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])

@@ -27,7 +27,7 @@ from grader.evidence.transforms import (
     poses_apart,
     unit,
 )
-from grader.recording.definitions import SEPARATOR
+from ros_bag.definitions import SEPARATOR
 from tests.synthetic import START_NS, Session, at
 
 Floats = NDArray[np.float64]

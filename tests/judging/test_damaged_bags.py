@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from grader.judging import rubrics
 from grader.judging.judge import judge, open_recordings
 from grader.lab.rubric import Rubric
-from grader.recording.bag import Bag
 from grader.result import CheckResult, Outcome, Result
+from ros_bag.reading import Bag
 from tests.thorough import examples
 
 pytestmark = pytest.mark.slow

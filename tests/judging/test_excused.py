@@ -10,8 +10,8 @@ import pytest
 from grader.judging.judge import Recordings, judge_checks
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.rubric import load_rubric
-from grader.recording.session import Qos
 from grader.result import Finding, Outcome
+from ros_bag.qos import Qos
 from tests.synthetic import BEST_EFFORT, RELIABLE, Session, evenly, submission
 
 RUBRIC = """\

@@ -16,14 +16,15 @@ from grader.judging.judge import judge, open_recordings
 from grader.judging.judgement import judge_bounded
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
-from grader.recording.bag import METADATA_FILE, Bag, BagWriter
-from grader.recording.definitions import definition_of
-from grader.recording.elements import MOST_VALUES
-from grader.recording.session import Qos
 from grader.result import CheckResult, Outcome, Result
+from ros_bag.definitions import definition_of
+from ros_bag.elements import MOST_VALUES
+from ros_bag.qos import Qos
+from ros_bag.reading import Bag
+from ros_bag.writing import METADATA_FILE, BagWriter
 from tests.judging.test_damaged_bags import KEPT, checks_of
 from tests.judging.test_invalidated import require_limit
-from tests.recording.test_elements import with_dimensions
+from tests.ros_bag.test_elements import with_dimensions
 
 pytestmark = pytest.mark.slow
 

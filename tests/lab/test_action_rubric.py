@@ -10,7 +10,7 @@ import pytest
 from grader.errors import RubricError
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.rubric import load_rubric
-from grader.recording.definitions import fields_of, types_in
+from ros_bag.definitions import fields_of, types_in
 
 LAB = Path(__file__).parents[1] / "labs" / "fibonacci" / "rubric.yaml"
 KIND = "test_msgs/action/Fibonacci"

@@ -58,6 +58,19 @@ def test_types_and_fields_of_the_labs_own_are_known(tmp_path: Path) -> None:
     assert [package.name for package in rubric.interface_packages] == ["lab_msgs"]
 
 
+ASKED = RUBRIC.replace("interfaces: interfaces", "asked_interfaces: interfaces")
+
+
+def test_types_that_students_are_asked_to_define_are_known(tmp_path: Path) -> None:
+    """They are checked as the lab's own, kept with recordings, and never take the place of a student's."""
+    rubric = load(tmp_path, ASKED)
+    assert rubric.interface_packages == []
+    assert "interfaces/lab_msgs/srv/Add.srv" in kept_lab.files_of(rubric)
+    with pytest.raises(RubricError) as raised:
+        load(tmp_path, ASKED.replace("request: {a: 1", "request: {c: 1"))
+    assert any("no field 'c'" in mistake for mistake in raised.value.mistakes)
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [

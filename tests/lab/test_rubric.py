@@ -16,7 +16,7 @@ from grader.errors import RubricError
 from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.rubric import Rubric, json_schema, load_rubric
-from grader.recording.definitions import installed_fields, installed_types
+from ros_bag.definitions import installed_fields, installed_types
 
 GRADER = Path(__file__).resolve().parents[2] / "grader"
 
@@ -522,7 +522,7 @@ MISTYPED: list[tuple[str, str, str]] = [
     (
         "window: window",
         "window: heard",
-        "'heard' labels a step of kind wait_for; observe is needed",
+        "'heard' labels a step of kind wait_for; observe or publish is needed",
     ),
     (
         "step: enable",

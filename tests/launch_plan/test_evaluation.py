@@ -15,6 +15,7 @@ import pytest
 
 from launch_plan.__main__ import main
 from launch_plan.evaluation import evaluate
+from launch_plan.format import PROCESS_LIMIT
 from launch_plan.plan import Plan
 from launch_plan.text import moment
 
@@ -50,6 +51,23 @@ def test_a_plan_has_arguments_processes_and_moments(launch_file: Path) -> None:
     first, later = plan.processes
     assert (first.id, first.when, first.file) == ("first-1", None, "wait.launch.py")
     assert (later.argv, later.when) == (("7",), {"after_s": 2.0})
+
+
+def test_a_plan_has_as_many_processes_as_a_session_can_start(tmp_path: Path) -> None:
+    """One process more than the limit is a mistake of the launch file, which names the limit."""
+    file = tmp_path / "many.launch.py"
+    text = """\
+from launch import LaunchDescription
+from launch.actions import ExecuteProcess
+def generate_launch_description():
+    return LaunchDescription([ExecuteProcess(cmd=['true']) for _ in range(COUNT)])
+"""
+    file.write_text(text.replace("COUNT", str(PROCESS_LIMIT)), encoding="utf-8")
+    assert len(evaluate(file).processes) == PROCESS_LIMIT
+    file.write_text(text.replace("COUNT", str(PROCESS_LIMIT + 1)), encoding="utf-8")
+    problem = evaluate(file).problem
+    assert problem is not None
+    assert f"more than {PROCESS_LIMIT} processes" in problem.message
 
 
 def test_paths_are_relative_to_the_root(launch_file: Path) -> None:

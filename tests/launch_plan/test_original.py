@@ -28,6 +28,7 @@ from tests.launch_plan.evaluations import (  # noqa: E402
 )
 from tests.launch_plan.launch_cases import Case  # noqa: E402
 from tests.launch_plan.outline import outline  # noqa: E402
+from tests.thorough import part  # noqa: E402
 
 pytestmark = [pytest.mark.slow, needs_the_original]
 
@@ -95,11 +96,11 @@ def _is_python(case: Case) -> bool:
     )
 
 
-# In parts, each in one test: an evaluation is quick, and to begin an interpreter is not.
-@pytest.mark.parametrize("part", range(4))
-def test_the_cases_are_as_in_the_original(part: int, tmp_path: Path) -> None:
+# In quarters, each in one test: an evaluation is quick, and to begin an interpreter is not. Every run compares two.
+@pytest.mark.parametrize("quarter", part(range(4), 2))
+def test_the_cases_are_as_in_the_original(quarter: int, tmp_path: Path) -> None:
     """Stand-in and original start the same processes with the same parameters, or both refuse the file."""
-    cases = COMPARED[part::4]
+    cases = COMPARED[quarter::4]
     requests = []
     for number, case in enumerate(cases):
         root = tmp_path / f"case_{number}"

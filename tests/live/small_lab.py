@@ -20,6 +20,7 @@ from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.live.session.runner import Progress
 from grader.submission.artifacts import read_submission_folder
+from tests.live.shared_server import scheduler
 
 ROOT = Path(__file__).parents[2]
 #: A rubric has a check at least; this one costs nothing.
@@ -78,14 +79,22 @@ class Lab:
         return rubrics.read_rubric(self.rubric_file)
 
     def record(
-        self, on_progress: Callable[[Progress], None] = lambda progress: None
+        self,
+        on_progress: Callable[[Progress], None] = lambda progress: None,
+        own_server: bool = False,
     ) -> dict[str, Recorded]:
-        """Record all sessions as `grade` does, and open them."""
+        """Record all sessions as `grade` does, by the module's server or one of their own, and open them."""
         rubric = self.rubric()
         submission = read_submission_folder(self.submission, rubric)
         options = pipeline.Options(Path(sys.executable))
         pipeline.Grading(
-            self.submission, submission, rubric, self.results, options, on_progress
+            self.submission,
+            submission,
+            rubric,
+            self.results,
+            options,
+            on_progress,
+            scheduler=None if own_server else scheduler(),
         ).record()
         return {name: Recorded.open(self.recordings / name) for name in rubric.sessions}
 

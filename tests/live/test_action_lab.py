@@ -14,6 +14,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from tests.labs.fibonacci.defects import DEFECTS
 from tests.labs.fibonacci.record import judged, record
+from tests.live.shared_server import scheduler
 
 pytestmark = pytest.mark.live
 
@@ -24,7 +25,7 @@ def test_a_server_earns_live_what_its_recording_does(name: str, tmp_path: Path) 
 
     Points that the machine's delays put in doubt may be open, but are never lost.
     """
-    result = judged(record(name, tmp_path))
+    result = judged(record(name, tmp_path, scheduler()))
     assert not result.problems
     lost = {check: Decimal(points) for check, points in DEFECTS[name].lost}
     for check in result.checks:

@@ -33,7 +33,7 @@ RECORDED = [
 #: All of them would take too long for every run: each commit has a part of them, as its name has it.
 ALL = os.environ.get("FIXTURES", "") == "all"
 FIXTURES = [
-    *part([path for path in EVERY if path not in RECORDED], 20, ALL),
+    *part([path for path in EVERY if path not in RECORDED], 32, ALL),
     *part(RECORDED, 40, ALL),
 ]
 

@@ -23,6 +23,7 @@ from grader.live.sandbox.probing import probe_isolation
 from grader.live.session.runner import Progress
 from grader.result import CheckResult, Outcome, Result
 from grader.submission.artifacts import read_submission_folder
+from tests.live.shared_server import scheduler
 from tests.live.small_lab import Watch, until
 from tests.regraded import judge_results
 from tests.thorough import part
@@ -155,7 +156,9 @@ def record_and_judge(
     record = read_submission_folder(submission, rubric)
     record.sessions = [CRITERION]
     options = pipeline.Options(Path(sys.executable), [CRITERION], scope, jobs=1)
-    pipeline.Grading(submission, record, rubric, results, options, on_progress).record()
+    pipeline.Grading(
+        submission, record, rubric, results, options, on_progress, scheduler=scheduler(jobs=1)
+    ).record()
     return judge_results(results, rubric)
 
 

@@ -15,6 +15,7 @@ from grader import pipeline
 from grader.judging.rubrics import read_rubric
 from grader.live.interfaces.build import lacking_toolchain
 from grader.result import Outcome, Result
+from tests.live.shared_server import scheduler
 
 pytestmark = [
     pytest.mark.live,
@@ -65,6 +66,29 @@ except KeyboardInterrupt:
     pass
 """
 
+#: The same with the action alone, whose result does not depend on the goal's type.
+ACTION_NODE = """
+import rclpy
+from rclpy.action import ActionServer
+from rclpy.node import Node
+from team_msgs.action import Count
+
+class Worker(Node):
+    def __init__(self):
+        super().__init__('worker')
+        self.counting = ActionServer(self, Count, '/count', self.count)
+
+    def count(self, goal):
+        goal.succeed()
+        return Count.Result(total=3)
+
+rclpy.init()
+try:
+    rclpy.spin(Worker())
+except KeyboardInterrupt:
+    pass
+"""
+
 #: A file that leaves a mark wherever it is executed; it must not be.
 CMAKE = """
 execute_process(COMMAND touch {marker})
@@ -72,6 +96,11 @@ file(WRITE {marker} "x")
 project(team_msgs)
 rosidl_generate_interfaces(${{PROJECT_NAME}} "msg/Pair.msg" "srv/Add.srv" "action/Count.action" DEPENDENCIES lab_msgs)
 add_custom_target(x ALL COMMAND touch {marker})
+"""
+
+ACTION_CMAKE = """
+project(team_msgs)
+rosidl_generate_interfaces(${PROJECT_NAME} "action/Count.action")
 """
 
 
@@ -139,7 +168,6 @@ def write(folder: Path, files: dict[str, str]) -> None:
 
 def grade(folder: Path, **other: str) -> tuple[Result, Path]:
     """Grade the submission with some files replaced; returns result and folder of the recording."""
-    write(folder / "lab", {"rubric.yaml": yaml.safe_dump(RUBRIC, sort_keys=False)})
     write(
         folder / "lab/interfaces/lab_msgs",
         {"msg/Reading.msg": "std_msgs/Header header\nfloat64 value\n"},
@@ -152,11 +180,22 @@ def grade(folder: Path, **other: str) -> tuple[Result, Path]:
         "team_msgs/srv/Add.srv": "int64 a\nint64 b\n---\nint64 sum\n",
         "team_msgs/action/Count.action": "int32 order\n---\nint32 total\n---\nint32 so_far\n",
     }
-    write(folder / "submission", {**files, **other})
+    return grade_files(folder, RUBRIC, {**files, **other})
+
+
+def grade_files(folder: Path, plain: dict[str, Any], files: dict[str, str]) -> tuple[Result, Path]:
+    """Grade a submission of some files by a rubric; returns result and folder of the recording."""
+    write(folder / "lab", {"rubric.yaml": yaml.safe_dump(plain, sort_keys=False)})
+    write(folder / "submission", files)
     rubric = read_rubric(folder / "lab/rubric.yaml")
     options = pipeline.Options(Path(sys.executable))
     result = pipeline.grade(
-        folder / "submission", rubric, folder / "results", options, lambda progress: None
+        folder / "submission",
+        rubric,
+        folder / "results",
+        options,
+        lambda progress: None,
+        scheduler(),
     )
     return result, folder / "results"
 
@@ -233,7 +272,7 @@ def test_a_students_own_mistake_costs_its_points(
     ],
 )
 def test_an_action_type_of_the_students_own_ends_no_process_of_the_graders(
-    kind: str, outcome: Outcome, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, outcome: Outcome, word: str, tmp_path: Path
 ) -> None:
     """A goal for a field of another type than the lab's is sent if it fits, else refused.
 
@@ -262,15 +301,18 @@ def test_an_action_type_of_the_students_own_ends_no_process_of_the_graders(
         },
     }
     rubric = {
-        **RUBRIC,
         "lab": {"id": "own", "title": "Own interfaces", "points": 1},
+        "artifacts": RUBRIC["artifacts"],
         "sessions": {"only": {"steps": steps}},
         "criteria": [{"id": "all", "title": "All", "points": 1, "checks": [accepted]}],
     }
-    monkeypatch.setitem(globals(), "RUBRIC", rubric)
-    action = f"{kind} order\n---\nint32 total\n---\nint32 so_far\n"
-    worker = NODE.replace("total=goal.request.order", "total=3")
-    result, _ = grade(tmp_path, **{"team_msgs/action/Count.action": action, "worker.py": worker})
+    files = {
+        "worker.py": ACTION_NODE,
+        "team_msgs/package.xml": "<package><name>team_msgs</name></package>",
+        "team_msgs/CMakeLists.txt": ACTION_CMAKE,
+        "team_msgs/action/Count.action": f"{kind} order\n---\nint32 total\n---\nint32 so_far\n",
+    }
+    result, _ = grade_files(tmp_path, rubric, files)
     (found,) = result.checks
     assert (found.outcome, result.problems, result.violations) == (outcome, (), ())
     assert word in found.reason

@@ -15,9 +15,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from grader.recording.bag import Bag
 from grader.recording.session import read_session
 from grader.result_folder import RECORDINGS
+from ros_bag.reading import Bag
 
 pytestmark = pytest.mark.live
 

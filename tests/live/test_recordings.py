@@ -27,9 +27,10 @@ from grader import pipeline, result_folder  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.judging import judgement  # noqa: E402
 from grader.judging.judge import judge, open_recordings  # noqa: E402
-from grader.recording.bag import Stream  # noqa: E402
 from grader.result import Outcome, to_json  # noqa: E402
+from ros_bag.reading import Stream  # noqa: E402
 from tests.live.sample import Graded  # noqa: E402
+from tests.live.shared_server import scheduler  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     TALKER,
     TEXT,
@@ -213,7 +214,7 @@ def test_a_grading_without_memory_for_judging_leaves_its_points_open(
         small.setattr(judgement, "JUDGING_BOUND", bound)
         small.setattr(judgement, "SPARING_BOUND", bound)
         result = pipeline.grade(
-            lab.submission, lab.rubric(), lab.results, options, lambda progress: None
+            lab.submission, lab.rubric(), lab.results, options, lambda progress: None, scheduler()
         )
     assert result.score.earned == 0
     assert result.score.undecided == 1

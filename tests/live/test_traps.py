@@ -142,7 +142,7 @@ def starts_processes(path: Path) -> bool:
 def test_helpers_are_started_in_one_place() -> None:
     """No other module of the grader and of its labs starts a process or looks for a program by itself."""
     starting = set()
-    for part in ("confine", "grader", "launch_plan", "reference", "labs"):
+    for part in ("confine", "grader", "launch_plan", "ros_bag", "reference", "labs"):
         for path in (ROOT / part).rglob("*.py"):
             name = path.relative_to(ROOT).as_posix()
             if "/fixtures/" not in name and starts_processes(path):

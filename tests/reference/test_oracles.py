@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
-from oracles import expected_reports, tracking_plateaus, tracking_statistics
+from oracles import (
+    expected_reports,
+    reports_once_per_command,
+    tracking_plateaus,
+    tracking_statistics,
+)
 from plateau_schedule import COMMAND, STATE, Event, PlateauSettings, plateaus, schedule
 
 from tests.thorough import part
@@ -81,23 +86,27 @@ def hear_all(events: Sequence[Event], history: int | None = 1000) -> Subscriber:
 
 
 def border_trouble(events: Sequence[Event], rng: np.random.Generator, most: int) -> list[Event]:
-    """Give the events as a tardy subscriber hears them: at each border states lost or the command early."""
+    """Give the events as a tardy subscriber hears them: at each border the last states are lost, or come too late."""
     heard: list[Event] = []
-    for k, event in enumerate(events):
-        new_command = (
-            event.role == COMMAND
-            and events[k - 1].role == STATE
-            and any(earlier.role == COMMAND for earlier in heard)
-        )
-        if new_command:
+    command: tuple[float, ...] | None = None
+    for event in events:
+        is_command = event.role == COMMAND
+        if is_command and command not in (None, event.values):
             amount = int(rng.integers(0, most + 1))
+            late = list(map(heard.pop, _last_states(heard, amount)))
             if rng.random() < 0.5:
-                del heard[len(heard) - amount :]
-            else:
-                heard.insert(len(heard) - amount, event)
+                heard += [event, *late]
+        if is_command:
+            command = event.values
         heard.append(event)
     lost_at_the_end = int(rng.integers(0, most + 1))
     return heard[: len(heard) - lost_at_the_end]
+
+
+def _last_states(heard: Sequence[Event], amount: int) -> list[int]:
+    """Give the places of some states at the end, the last one first."""
+    places = np.flatnonzero([event.role == STATE for event in heard]).tolist()
+    return places[: -amount - 1 : -1]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -182,6 +191,14 @@ def test_reports_are_expected_from_the_first_command_on() -> None:
     early = [event for event in events if event.t_s < 0.5]
     assert expected_reports(recorded(early), {}, 3) == 0
     assert tracking_plateaus(recorded(early), {}, 3) == []
+
+
+def test_a_command_that_is_used_once_leads_to_a_report_each() -> None:
+    """Of several commands without a state between them, the last one leads to a report."""
+    events = schedule(3, PlateauSettings(rate_hz=150))
+    reports = reports_once_per_command(recorded(events), {}, 3)
+    assert reports == pytest.approx(1100 * 100 / 150, rel=0.02)
+    assert reports_once_per_command(recorded([e for e in events if e.t_s < 0.5]), {}, 3) == 0
 
 
 def test_a_stimulus_that_did_not_run_is_no_verdict() -> None:

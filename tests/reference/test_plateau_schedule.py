@@ -1,6 +1,7 @@
 """The plateau stimulus's schedule: its times, and how clearly it tells mistakes apart."""
 
 import sys
+from collections import Counter
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -43,19 +44,38 @@ def test_schedule_has_the_promised_length() -> None:
     first = next(k for k, event in enumerate(events) if event.role == COMMAND)
     assert first == 75
     assert sum(event.role == STATE for event in events[first:]) == 1100
-    assert sum(event.role == COMMAND for event in events) == 6 * 3
     assert events[-1].t_s < 9.0
 
 
 def test_schedule_is_in_order_and_silent_around_commands() -> None:
-    """Times never go back; between messages of different topics there is the whole silence, else a period."""
+    """Times never go back, and a new command comes in a silence before and after it."""
     settings = PlateauSettings()
-    for a, b in pairwise(schedule(2, settings)):
-        if a.role != b.role:
-            gap_s = settings.silence_s
-        else:
-            gap_s = settings.command_interval_s if a.role == COMMAND else 1 / settings.rate_hz
-        assert b.t_s - a.t_s == pytest.approx(gap_s)
+    events = schedule(2, settings)
+    assert all(a.t_s <= b.t_s for a, b in pairwise(events))
+    times_s = np.array([event.t_s for event in events])
+    begins_s: dict[tuple[float, ...], float] = {}
+    for event in events:
+        begins_s.setdefault(event.values, event.t_s)
+    length_s = (settings.command_repeats - 1) * settings.command_interval_s
+    _, drawn = plateaus(2, settings)
+    for plateau in drawn:
+        t_s = begins_s[plateau.command]
+        assert t_s - times_s[times_s < t_s].max() == pytest.approx(settings.silence_s)
+        assert begins_s[plateau.state] - t_s == pytest.approx(length_s + settings.silence_s)
+
+
+def test_commands_go_on_at_the_rate_of_a_controller() -> None:
+    """A subscriber with a use of its own for each command reports on two of three states, in each phase."""
+    settings = PlateauSettings(rate_hz=150)
+    reported = Counter(
+        event.values
+        for before, event in pairwise(schedule(3, settings))
+        if (before.role, event.role) == (COMMAND, STATE)
+    )
+    _, drawn = plateaus(3, settings)
+    for plateau in drawn:
+        share = reported[plateau.state] / plateau.states
+        assert share == pytest.approx(2 / 3, abs=0.02)
 
 
 def test_schedule_comes_from_the_seed_alone() -> None:

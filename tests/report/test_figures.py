@@ -14,15 +14,12 @@ from hypothesis import strategies as st
 
 from grader.evidence.recorded import Recorded
 from grader.lab.rubric import FigureSpec
-from grader.recording.bag import Bag, BagWriter
-from grader.recording.definitions import definition_of
 from grader.recording.session import (
     Claim,
     Endpoint,
     GraphSnapshot,
     OutputLine,
     ProcessRun,
-    Qos,
     SessionRecord,
     StepRun,
 )
@@ -30,6 +27,10 @@ from grader.report.figures import FIGURES, draw
 from grader.report.figures.plan import Tree
 from grader.report.figures.svg import HALF, MOST_POINTS, NARROW, WIDE, Figure, duration
 from launch_plan.format import SCHEMA
+from ros_bag.definitions import definition_of
+from ros_bag.qos import Qos
+from ros_bag.reading import Bag
+from ros_bag.writing import BagWriter
 from tests.thorough import examples
 
 FLOATS = "std_msgs/msg/Float64MultiArray"

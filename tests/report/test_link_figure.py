@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from grader.lab.steps.link import Crossing, LinkedTopic, LinkResult
-from grader.recording.session import OutputLine, ProcessRun, Qos, StepRun
+from grader.recording.session import OutputLine, ProcessRun, StepRun
 from grader.report.figures.link import LinkTable
 from grader.report.figures.svg import NARROW, WIDE, Figure
+from ros_bag.qos import Qos
 from tests.report.test_figures import FLOATS, drawn, labels, marks, picture, recorded, shown
 
 BEST_EFFORT = Qos("best_effort", "volatile", "keep_last", 1)

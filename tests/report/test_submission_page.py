@@ -15,8 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grader.evidence.recorded import Recorded
-from grader.recording.bag import Bag
-from grader.recording.session import OutputLine, ProcessRun, Qos, SessionRecord, StepRun
+from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.figures.graph import Call, CallGroup, QosRow
 from grader.report.figures.link import LinkTable, Profile
@@ -34,6 +33,8 @@ from grader.result import (
     Result,
     Score,
 )
+from ros_bag.qos import Qos
+from ros_bag.reading import Bag
 from tests.report.taken_apart import Page
 from tests.thorough import examples
 

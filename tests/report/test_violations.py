@@ -10,7 +10,6 @@ from html.parser import HTMLParser
 from rich.console import Console
 
 from grader.evidence.recorded import Recorded
-from grader.recording.bag import Bag
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report.submission_page import render
@@ -27,6 +26,7 @@ from grader.result import (
     Violation,
     ViolationKind,
 )
+from ros_bag.reading import Bag
 
 EVIL = "<script>\x1b[2J\u202e"
 SPOOFED = Violation(

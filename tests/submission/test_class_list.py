@@ -135,11 +135,11 @@ from grader.lab.policy import Policy
 from grader.submission.discovery import find_submissions
 from grader.submission.extraction import open_submission
 from tests.judging.test_adjust import JUDGED
-folder, policies = Path(sys.argv[1]), json.loads(sys.argv[2])
+folder, policies, rubric = Path(sys.argv[1]), json.loads(sys.argv[2]), read_rubric(None)
 told = []
 for path, listed in (("class", None), ("class", "class.csv"), ("blackboard", None)):
     class_list = folder / listed if listed else None
-    for source in find_submissions([folder / path], read_rubric(None), class_list=class_list).submissions:
+    for source in find_submissions([folder / path], rubric, class_list=class_list).submissions:
         with open_submission(source) as intake:
             for plain in policies:
                 policy = Policy.model_validate(plain)

@@ -30,8 +30,8 @@ class _Place:
     calls: str
     #: True if rclpy itself called the function, as it calls callbacks.
     in_callback: bool
-    #: True if some thread runs an executor outside of this place.
-    spins: bool
+    #: True if all threads were asked, and none runs an executor outside of this place.
+    nothing_spins: bool
 
 
 def hang_of(
@@ -57,7 +57,7 @@ def hang_of(
         before = {(place.file, place.function) for place in _places(looks[0], root_files)}
         for place in _places(looks[-1], root_files):
             if (place.file, place.function) in before:
-                found = _cause(place, looks[-1].is_whole, texts)
+                found = _cause(place, texts)
                 if found is not None:
                     return found
     return None
@@ -74,19 +74,21 @@ def _places(stack: Stack, root_files: Collection[str]) -> list[_Place]:
                 continue
             outer = frames[at + 1 :]
             others = [*spinning[:number], *spinning[number + 1 :], _has_spin(outer)]
-            calls = frames[at - 1] if at else None
-            found.append(
-                _Place(
-                    file,
-                    frame.line,
-                    _named(frames[at:]),
-                    calls=calls.function if calls is not None and _is_rclpy(calls) else "",
-                    in_callback=any(map(_is_rclpy, outer)),
-                    spins=any(others),
-                )
-            )
+            calls = _called(frames, at)
+            in_callback = any(map(_is_rclpy, outer))
+            nothing_spins = stack.is_whole and not any(others)
+            named = _named(frames[at:])
+            found.append(_Place(file, frame.line, named, calls, in_callback, nothing_spins))
             break
     return sorted(found, key=lambda place: not place.in_callback)
+
+
+def _called(frames: Sequence[StackFrame], at: int) -> str:
+    """Return the function of rclpy that the frame at an index calls; empty if it calls another, or none."""
+    for inner in frames[max(at - 1, 0) : at]:
+        if _is_rclpy(inner):
+            return inner.function
+    return ""
 
 
 def _named(frames: Sequence[StackFrame]) -> str:
@@ -108,7 +110,7 @@ def _has_spin(frames: Sequence[StackFrame]) -> bool:
     return any(_is_rclpy(frame) and frame.function in _SPINNING for frame in frames)
 
 
-def _cause(place: _Place, is_whole: bool, texts: Mapping[str, str]) -> Diagnosis | None:
+def _cause(place: _Place, texts: Mapping[str, str]) -> Diagnosis | None:
     """Return the cause of a hang at a place; None if a working program can stand there."""
     at = f"{place.function} (line {place.line})"
     if place.calls in _SPINNING:
@@ -120,8 +122,8 @@ def _cause(place: _Place, is_whole: bool, texts: Mapping[str, str]) -> Diagnosis
         )
         return _diagnosis("nested-spin", problem, _ASYNC, place)
     if place.calls == "call":
-        return _waiting_call(place, at, is_whole)
-    if place.calls == "sleep" and is_whole and not place.spins:
+        return _waiting_call(place, at)
+    if place.calls == "sleep" and place.nothing_spins:
         problem = f"sleep() of a rate in {at} waits for an executor that spins, and nothing spins."
         remedy = (
             "Do the work in a timer and call rclpy.spin(node), or spin in a thread beside the loop."
@@ -131,31 +133,29 @@ def _cause(place: _Place, is_whole: bool, texts: Mapping[str, str]) -> Diagnosis
         problem = f"{at} still waits in {place.calls}(), for something that is not there."
         remedy = f"Give {place.calls}() a timeout_sec, and go on without it."
         return _diagnosis("waits-for-other", problem, remedy, place)
-    return _other_line(place, at, is_whole, texts)
+    return _other_line(place, at, texts)
 
 
-def _waiting_call(place: _Place, at: str, is_whole: bool) -> Diagnosis | None:
+def _waiting_call(place: _Place, at: str) -> Diagnosis | None:
     """Return the cause of a service's `call` that has no answer."""
     if place.in_callback:
         problem = f"The callback {at} waits in call(), {_BLOCKED.format(awaited='the answer')}."
         return _diagnosis("call-in-callback", problem, _ASYNC, place)
-    if not is_whole or place.spins:
+    if not place.nothing_spins:
         return None
     problem = f"{at} waits in call() for an answer, and nothing spins that could bring the answer."
     remedy = "Use call_async() and rclpy.spin_until_future_complete(node, future)."
     return _diagnosis("call-without-spin", problem, remedy, place)
 
 
-def _other_line(
-    place: _Place, at: str, is_whole: bool, texts: Mapping[str, str]
-) -> Diagnosis | None:
+def _other_line(place: _Place, at: str, texts: Mapping[str, str]) -> Diagnosis | None:
     """Return the line at which a callback does not go on, or a program without a spinning node."""
     code = f"`{_source_line(texts.get(place.file, ''), place.line)}`"
     if place.in_callback:
         problem = f"The callback {at} had not returned when the grader looked: it was at {code}."
         remedy = "Let each callback return soon: spread work over the calls of a timer, and do not wait or loop in it."
         return _diagnosis("callback-stays", problem, remedy, place)
-    if not is_whole or place.spins:
+    if not place.nothing_spins:
         return None
     where = "The program" if place.function == "<module>" else f"{place.function}()"
     problem = f"{where} was at line {place.line}, {code}, when the grader looked, and nothing was spinning."

@@ -170,8 +170,8 @@ def _first_line(blocks: Iterable[Block], terms: Terms) -> int | None:
 # -- commands and instructions ---------------------------------------------------------------------------
 
 
-def command_line(blocks: Sequence[Block], patterns: Sequence[str]) -> tuple[int, str] | None:
-    """Return the first line with a command that matches one of the patterns, and the command.
+def command_lines(blocks: Sequence[Block], patterns: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield each line with a command that matches one of the patterns, and the command.
 
     Code, code spans and plain lines are searched, regardless of case, because many READMEs do not mark commands.
     """
@@ -179,8 +179,7 @@ def command_line(blocks: Sequence[Block], patterns: Sequence[str]) -> tuple[int,
         for offset, line in enumerate(block.text.split("\n")):
             for command in _commands(block.kind, line):
                 if any(search(pattern, command, ignore_case=True) for pattern in patterns):
-                    return block.line + offset, command
-    return None
+                    yield block.line + offset, command
 
 
 def instruction_line(blocks: Sequence[Block], run_words: Sequence[str]) -> int | None:

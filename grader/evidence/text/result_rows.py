@@ -17,6 +17,7 @@ from typing import NamedTuple
 import yaml
 
 from grader.evidence.text.printed import NUMBER, with_short_runs
+from grader.lab.patterns import compiled, search
 from grader.recording.session import OutputLine
 
 _LOG_PREFIX = re.compile(r"^\[[A-Z]+\] \[[\d.]+\] \[[^\]]{1,200}\]: ")
@@ -83,6 +84,8 @@ _LAST_LINES = 40
 _HEADER_ABOVE = 60
 #: Cells of the smallest table: a name, a mean and a maximum.
 _LEAST_CELLS = 3
+#: Names of the groups in a pattern of a line.
+_GROUPS = {"count", "mean_ms", "max_ms"}
 #: Largest rounding of a printed time, in s.
 _COARSEST_S = 1e-3
 
@@ -111,6 +114,61 @@ def rounding_of(number: str, unit_s: float) -> float:
     places = len(mantissa.partition(".")[2])
     share = 0.5 if places else 1.0
     return min(_COARSEST_S, share * 10.0**-places * unit_s)
+
+
+def result_rows(
+    output: Sequence[OutputLine], names: Sequence[str], pattern: str
+) -> dict[str, ResultRow | None]:
+    """Return the results that a program printed for each of several things; None for a thing without any.
+
+    Parameters
+    ----------
+    output
+        Lines of the program.
+    names
+        Names of the things.
+    pattern
+        Regular expression of a line, with the groups count, mean_ms and max_ms; other readable forms count if no line
+        fits.
+
+    Raises
+    ------
+    ValueError
+        If the pattern has no such groups.
+    """
+    if not _GROUPS.issubset(compiled(pattern).groupindex):
+        raise ValueError("the groups count, mean_ms and max_ms are needed")
+    return {name: _printed_row(output, name, names, pattern) for name in names}
+
+
+def _printed_row(
+    output: Sequence[OutputLine], name: str, names: Sequence[str], pattern: str
+) -> ResultRow | None:
+    """Return the results of a thing, by the pattern or in another form; a name spelt otherwise is tried last."""
+    others = [other for other in names if other != name]
+    for loosely in (False, True):
+        found = _by_pattern(output, name, pattern, loosely=loosely)
+        if found is None:
+            found = result_row(output, name, others, loosely=loosely)
+        if found is not None:
+            return found
+    return None
+
+
+def _by_pattern(
+    output: Sequence[OutputLine], name: str, pattern: str, *, loosely: bool
+) -> ResultRow | None:
+    """Return the numbers of the first line that names a thing and matches the pattern."""
+    lines = [line.text[:LINE_LIMIT] for line in output]
+    for place in lines_naming(lines, name, loosely=loosely):
+        match = search(pattern, plain_numbers(lines[place]))
+        if match:
+            mean_s = float(match["mean_ms"]) / 1e3
+            longest_s = float(match["max_ms"]) / 1e3
+            rounding_s = rounding_of(match["mean_ms"], 1e-3)
+            printed_ns = output[place].t_ns
+            return ResultRow(printed_ns, int(match["count"]), mean_s, longest_s, rounding_s)
+    return None
 
 
 def result_row(

@@ -47,6 +47,8 @@ class Rules:
     placeholders: tuple[str, ...] = ()
     #: Words that add nothing to a name.
     fillers: tuple[str, ...] = ()
+    #: Distinct words from which comments explain a whole file.
+    file_words: int = 0
 
 
 @dataclass
@@ -78,14 +80,24 @@ class Unit:
     notes: list[Note] = field(default_factory=list)
     #: True if an explanation is required.
     needed: bool = True
+    #: Distinct words from which comments explain it; a docstring does with fewer.
+    comment_words: int = 0
 
     @property
     def explained_by(self) -> Note | None:
         """The first note that explains the unit, if there is one."""
+        first = None
+        said: list[str] = []
         for note in self.notes:
-            if not note.fault:
+            if note.fault:
+                continue
+            if note.kind == "docstring":
                 return note
-        return None
+            first = first or note
+            said += words(note.text[:_NOTE_START])
+        if measure(said) < self.comment_words:
+            return None
+        return first
 
 
 @dataclass(frozen=True)
@@ -138,7 +150,8 @@ class _Reader:
         self._code = [*blank.split("\n"), ""]
         self._below = _next_lines_of_code(self._code)
         is_empty = not blank.strip("_ \n")
-        self._file = Unit(PurePosixPath(path).name, 1, needed=not is_empty)
+        name = PurePosixPath(path).name
+        self._file = Unit(name, 1, needed=not is_empty, comment_words=rules.file_words)
         self._scopes: list[_Scope] = []
         if self._tree is not None:
             self._scopes += _scopes(self._tree, self._file, rules)

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from grader.lab import references as ref
 from grader.lab.steps.base import Step, StepResult
-from grader.recording.session import Qos
+from ros_bag.qos import Qos
 
 
 @dataclass

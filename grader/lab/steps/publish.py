@@ -27,7 +27,10 @@ class PublishResult(StepResult):
 
 
 class PublishStep(Step):
-    """Publish one message some times, offered so that every subscription is compatible."""
+    """Publish one message some times, offered so that every subscription is compatible.
+
+    Its label can also be a check's window, from the start of the step to its end.
+    """
 
     kind = "publish"
     result = PublishResult
@@ -39,3 +42,6 @@ class PublishStep(Step):
     message: Annotated[dict[str, Any], ref.fields_of_type()]
     count: int = Field(10, ge=1, le=10_000)
     rate_hz: float = Field(100.0, gt=0, le=1000)
+    observe_s: float = Field(
+        0.0, ge=0, description="How long the step goes on after the last message."
+    )

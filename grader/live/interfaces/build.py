@@ -29,13 +29,12 @@ from confine.scratch import remove_tree, scratch_prefix
 from grader.live.sandbox.cache import cache_folder
 from grader.live.sandbox.environment import ros_environment
 from grader.live.sandbox.room import HOME, INTERFACES, made_room
-from grader.recording.interfaces import InterfacePackage, in_order, packages_of, read_folder
+from ros_bag.interfaces import InterfacePackage, in_order, shipped_packages
 
 _INSIDE = Path(__file__).parent / "inside"
-_SHIPPED = Path(__file__).parent / "shipped"
 _SUBSETS = Path(__file__).parent / "subsets"
-#: Words of a text that need a package of the grader.
-_NEEDED_FOR = {"tf2_msgs": ("tf2_msgs", "tf2_ros")}
+#: Packages that use types of the grader's packages, with these types.
+_USERS = {"tf2_ros": "tf2_msgs/msg/TFMessage"}
 #: Packages of one submission.
 _MOST_PACKAGES = 20
 #: Time for all packages of a submission, in s; three interfaces take 9 s of a core, more on a busy machine.
@@ -95,12 +94,18 @@ def lacking_toolchain() -> str:
 
 
 def shipped_for(texts: Iterable[str]) -> list[InterfacePackage]:
-    """Return the packages of the grader that some texts need."""
+    """Return the packages of the grader that some texts need, with the types that these name.
+
+    A whole package can take minutes to build.
+    """
     whole = "\n".join(texts)
+    for user, used in _USERS.items():
+        if user in whole:
+            whole += f"\n{used}"
     found = []
-    for package in packages_of(read_folder(_SHIPPED)):
-        if any(word in whole for word in _NEEDED_FOR.get(package.name, ())):
-            found.append(package)
+    for package in shipped_packages():
+        if package.name in whole:
+            found.append(package.named_in(whole))
     return found
 
 

@@ -14,9 +14,9 @@ from grader.lab import kept_lab
 from grader.lab.rubric import Rubric, SessionSpec
 from grader.live.interfaces.build import Built, provide, shipped_for
 from grader.live.sandbox.environment import ask_interpreter
-from grader.recording.interfaces import InterfacePackage
 from grader.recording.submission import SubmissionRecord
 from grader.submission.packages.interfaces import interface_packages
+from ros_bag.interfaces import InterfacePackage
 
 _SOURCES = (".py", ".msg", ".srv", ".action")
 

@@ -53,6 +53,7 @@ class ForkingServer:
         self._command = python(sys.executable, "-m", module)
         self._arguments = arguments
         self._environment = environment
+        self._is_asked = False
 
     def __enter__(self) -> Self:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -78,6 +79,8 @@ class ForkingServer:
 
     def __exit__(self, *_: object) -> None:
         self._link.shutdown(socket.SHUT_WR)
+        if not self._is_asked:
+            self._process.kill()  # Its imports would take a second more, and nothing runs in it.
         try:
             self._process.wait(_END_S)
         except (subprocess.TimeoutExpired, OSError):
@@ -96,9 +99,13 @@ class ForkingServer:
         with errors.open("wb") as file:
             reader, writer = os.pipe()
             with suppress(ConnectionError):  # Then the output is empty.
-                socket.send_fds(self._link, [request], [writer, file.fileno()])
+                self._ask(request, writer, file.fileno())
         os.close(writer)
         return await read_pipe(reader)
+
+    def _ask(self, request: bytes, output: int, errors: int) -> None:
+        self._is_asked = True
+        socket.send_fds(self._link, [request], [output, errors])
 
 
 def serve(

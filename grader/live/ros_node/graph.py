@@ -22,16 +22,16 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Empty
 
-from grader.recording.definitions import type_hash_of
 from grader.recording.session import (
     GRADER_NAMESPACE,
     PROCESS_DIGITS,
     UNKNOWN_NODE,
     Endpoint,
     GraphSnapshot,
-    Qos,
     ServiceEndpoint,
 )
+from ros_bag.definitions import type_hash_of
+from ros_bag.qos import Qos
 
 #: Topics and nodes looked at in one snapshot, and endpoints reported; a flood of them must not stall the session.
 MAX_TOPICS = 400

@@ -34,7 +34,7 @@ from rclpy.subscription import Subscription
 from grader.lab.steps.link import LinkedTopic
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
 from grader.live.ros_node.link_plan import LinkPlan
-from grader.recording.session import Qos
+from ros_bag.qos import Qos
 
 #: Longest times for the ends to find each other, and for both sides to know, in s.
 _MATCH_S, _KNOWN_S = 3.0, 0.1

@@ -11,9 +11,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
-from grader.recording.bag import Bag, offered_policies
-from grader.recording.definitions import type_hash_of
-from grader.recording.mcap_file import TopicInfo
+from ros_bag.definitions import type_hash_of
+from ros_bag.mcap_file import TopicInfo
+from ros_bag.qos import offered_policies
+from ros_bag.reading import Bag
 
 _CLOCK = "/clock"
 #: Rate of the clock between two messages, as with `ros2 bag play`.

@@ -19,15 +19,15 @@ from grader.live.ros_node.goals import ActionProbe
 from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
 from grader.live.ros_node.recorder import DEFAULT_LIMIT_BYTES, Recorder
 from grader.live.ros_node.reports import report
-from grader.recording.bag import BagWriter
 from grader.recording.session import (
     GRADER_NAMESPACE,
     STANDARD_TOPICS,
     Endpoint,
     GraphSnapshot,
-    Qos,
     ServiceEndpoint,
 )
+from ros_bag.qos import Qos
+from ros_bag.writing import BagWriter
 
 #: Time in s that a look at the graph or a spin takes at most.
 _SPIN_S = 0.01

@@ -19,9 +19,9 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from grader.errors import without_temporary_names
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
-from grader.recording.bag import BagWriter
-from grader.recording.definitions import definition_of, type_hash_of
 from grader.recording.session import Endpoint, RecordingGap
+from ros_bag.definitions import definition_of, type_hash_of
+from ros_bag.writing import BagWriter
 
 NODE_NAME = "_grader_recorder"
 DEFAULT_LIMIT_BYTES = 512 * 2**20

@@ -8,6 +8,7 @@ from pathlib import Path
 import confine
 import grader
 import launch_plan
+import ros_bag
 from confine.room import SHARED_MEMORY, TEMPORARY, Room
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER
 
@@ -58,7 +59,7 @@ def _own_folders(roots: Sequence[Path]) -> list[Path]:
     package = Path(grader.__file__).parent
     checkout = package.parent
     if not (checkout / "rubric.yaml").is_file():
-        return [package, *map(Path, [*confine.__path__, *launch_plan.__path__])]
+        return [package, *map(Path, [*confine.__path__, *launch_plan.__path__, *ros_bag.__path__])]
     theirs: set[Path] = set()
     if checkout in roots:
         theirs = {checkout / name for name in _OF_ENVIRONMENTS}

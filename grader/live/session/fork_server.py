@@ -33,13 +33,14 @@ from grader.live.process.forked import Program
 from grader.live.process.forking import ForkingServer, serve
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.session.plan import SessionPlan
-from grader.recording.definitions import definition_of, type_hash_of
+from ros_bag.definitions import definition_of, type_hash_of
 
 _WITHOUT_ROS = (
     "grader.live.session.session",
-    "grader.recording.bag",
     "mcap.writer",
     "numpy",
+    "ros_bag.reading",
+    "ros_bag.recovery",
     "runpy",
     "yaml",
 )
@@ -93,9 +94,7 @@ class _Branch(ForkServer):
             Path(os.devnull).open("wb") as errors,
             suppress(ConnectionError),
         ):  # Then requests will have no answer.
-            socket.send_fds(
-                self._of._link, [self.request(self._form)], [link.fileno(), errors.fileno()]
-            )
+            self._of._ask(self.request(self._form), link.fileno(), errors.fileno())
         return self
 
     def wait(self, timeout: float) -> None:

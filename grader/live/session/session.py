@@ -20,8 +20,8 @@ from grader.live.process.waiting import within
 from grader.live.session.plan import SessionPlan
 from grader.live.session.programs import Programs
 from grader.live.session.steps import ACTIONS
-from grader.recording.bag import recover
 from grader.recording.session import write_session
+from ros_bag.recovery import recover
 
 #: Time in s between two samples of the machine.
 _SAMPLE_PERIOD_S = 0.5

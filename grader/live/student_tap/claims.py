@@ -15,7 +15,8 @@ from pydantic import (
     StrictInt,
 )
 
-from grader.recording.session import Claim, Qos
+from grader.recording.session import Claim
+from ros_bag.qos import Qos
 
 _MOST_CLAIMS = 2000
 _LONGEST_TEXT = 500

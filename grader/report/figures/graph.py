@@ -13,7 +13,7 @@ from grader.lab import references as ref
 from grader.lab.steps import CallStep, SetParametersStep
 from grader.lab.steps.call import CallRecord, CallResult
 from grader.lab.steps.words import fields, literal
-from grader.recording.session import Claim, Endpoint, Qos, StepRun, asked_for, completed
+from grader.recording.session import Claim, Endpoint, StepRun, asked_for, completed
 from grader.report.escape import line
 from grader.report.figures.svg import (
     SINCE,
@@ -25,6 +25,7 @@ from grader.report.figures.svg import (
     duration,
     padded,
 )
+from ros_bag.qos import Qos
 
 _MOST_ENDPOINTS = 16
 _HEIGHT = 260

@@ -17,7 +17,7 @@ from grader.evidence.recorded import Floats, Recorded
 from grader.evidence.text.result_rows import LINE_LIMIT, lines_naming
 from grader.lab import references as ref
 from grader.lab.steps.link import Crossing, LinkedTopic, LinkResult
-from grader.recording.session import Endpoint, Qos
+from grader.recording.session import Endpoint
 from grader.report.escape import line
 from grader.report.figures.svg import (
     NARROW,
@@ -30,6 +30,7 @@ from grader.report.figures.svg import (
     duration,
     short,
 )
+from ros_bag.qos import Qos
 
 #: Heights of a row, of a profile's head, and of the picture's head, in px.
 _ROW, _HEAD, _TOP = 21, 34, 22

@@ -14,7 +14,6 @@ from pydantic import Field
 from grader.evidence.recorded import Booleans, Floats, Integers, NumericStream, Recorded
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
-from grader.recording.bag import Stream
 from grader.report.escape import line
 from grader.report.figures.svg import (
     BOTTOM,
@@ -29,6 +28,7 @@ from grader.report.figures.svg import (
     duration,
     short,
 )
+from ros_bag.reading import Stream
 
 RATE_BIN_S = 0.5
 HISTOGRAM_BINS = 41

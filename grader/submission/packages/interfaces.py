@@ -6,9 +6,9 @@ import posixpath
 import re
 from collections.abc import Iterator, Mapping
 
-from grader.recording.interfaces import PARTS, InterfacePackage
 from grader.recording.submission import PackageFact, SubmissionRecord
 from grader.submission.packages.cmake_script import commands_of
+from ros_bag.interfaces import PARTS, InterfacePackage
 
 _SUFFIXES = tuple(f".{kind}" for kind in PARTS)
 

@@ -12,7 +12,7 @@ from grader.evidence.text.markup import Block, read_markdown
 from grader.evidence.text.prose import (
     Discussion,
     Passage,
-    command_line,
+    command_lines,
     concepts,
     document_passages,
     instruction_line,
@@ -165,14 +165,15 @@ def test_a_part_is_found_where_it_is_named(text: str, line: int | None) -> None:
 )
 def test_commands_are_found_wherever_they_stand(text: str, line: int) -> None:
     """Blocks, spans, prompts and plain lines with a command say how to run the work."""
-    found = command_line(shown(text), RUN)
+    found = next(command_lines(shown(text), RUN), None)
     assert found is not None
     assert found[0] == line
 
 
 def test_talk_about_running_is_no_instruction() -> None:
     """A README without a command does not say how to run anything."""
-    assert command_line(shown("# Running\nRun all the nodes with ros2 and python.\n"), RUN) is None
+    text = "# Running\nRun all the nodes with ros2 and python.\n"
+    assert list(command_lines(shown(text), RUN)) == []
 
 
 @pytest.mark.parametrize(
@@ -328,7 +329,7 @@ def test_hostile_documents_take_bounded_time(piece: str) -> None:
     document = read_markdown(text)
     blocks, _ = visible(document, NAMES, PLACEHOLDERS)
     mention(blocks, NAMES, NAMES)
-    command_line(blocks, RUN)
+    list(command_lines(blocks, RUN))
     instruction_line(blocks, ["run"])
     concepts(document_passages(document, "README.md"), LEXICON, REASONS)
     assert time.process_time() - started < 5, "ten times what an idle machine takes"
@@ -340,6 +341,6 @@ def test_any_text_is_read(text: str) -> None:
     document = read_markdown(text)
     blocks, _ = visible(document, NAMES, PLACEHOLDERS)
     mention(blocks, NAMES, NAMES)
-    command_line(blocks, RUN)
+    list(command_lines(blocks, RUN))
     instruction_line(blocks, ["run"])
     concepts(document_passages(document, "README.md"), LEXICON, REASONS)

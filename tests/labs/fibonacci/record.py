@@ -16,6 +16,7 @@ sys.path.insert(0, str(ROOT))
 from grader import pipeline, result_folder  # noqa: E402
 from grader.judging import rubrics  # noqa: E402
 from grader.judging.judge import judge, open_recordings  # noqa: E402
+from grader.live.session.scheduler import Scheduler  # noqa: E402
 from grader.result import Result  # noqa: E402
 from grader.submission.artifacts import read_submission_folder  # noqa: E402
 from tests.labs.fibonacci.defects import DEFECTS, FOLDER  # noqa: E402
@@ -24,7 +25,7 @@ from tests.labs.fibonacci.defects import DEFECTS, FOLDER  # noqa: E402
 ENVIRONMENT = "/opt/venv"
 
 
-def record(name: str, folder: Path) -> Path:
+def record(name: str, folder: Path, scheduler: Scheduler | None = None) -> Path:
     """Record the session of a server in a folder, and return where the recordings are."""
     submission = folder / "submission"
     submission.mkdir(parents=True)
@@ -32,10 +33,11 @@ def record(name: str, folder: Path) -> Path:
     rubric = rubrics.read_rubric(FOLDER / "rubric.yaml")
     options = pipeline.Options(Path(sys.executable), seed=1)
     read = read_submission_folder(submission, rubric)
+    results = folder / "results"
     pipeline.Grading(
-        submission, read, rubric, folder / "results", options, lambda progress: None
+        submission, read, rubric, results, options, lambda progress: None, scheduler=scheduler
     ).record()
-    return folder / "results" / result_folder.RECORDINGS
+    return results / result_folder.RECORDINGS
 
 
 def judged(recordings: Path) -> Result:

@@ -20,8 +20,8 @@ from grader.live.interfaces.build import Built, lacking_toolchain, provide
 from grader.live.interfaces.needs import Needed, provide_interfaces
 from grader.live.sandbox.environment import ros_environment, with_prefixes
 from grader.live.sandbox.probing import probe_isolation
-from grader.recording.interfaces import InterfacePackage
 from grader.recording.submission import SubmissionRecord
+from ros_bag.interfaces import InterfacePackage
 from tests.thorough import THOROUGH
 
 pytestmark = [

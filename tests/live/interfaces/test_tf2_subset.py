@@ -18,7 +18,7 @@ from rclpy.time import Time
 import grader
 from confine.isolation import Isolation, Level
 from grader.live.interfaces.build import provide
-from grader.recording.interfaces import InterfacePackage
+from ros_bag.interfaces import InterfacePackage
 
 SUBSETS = Path(grader.__file__).parent / "live/interfaces/subsets"
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from grader.live.session.fork_server import ForkServer
 from tests.live.small_lab import until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
@@ -137,3 +138,12 @@ def test_programs_that_have_just_begun_end_with_it() -> None:
             assert it.end() == 0
             for pipe in pipes:
                 assert read_to_end(pipe).endswith(b"ended -9\n")
+
+
+def test_a_server_without_a_request_is_not_waited_for() -> None:
+    """A refused submission does not wait for imports that nobody needs."""
+    before = os.times()
+    with ForkServer():
+        pass
+    after = os.times()
+    assert after.children_user - before.children_user < 0.15

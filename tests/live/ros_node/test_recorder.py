@@ -19,7 +19,8 @@ pytest.importorskip("rclpy")
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from grader.recording.bag import Bag, Stream, recover
+from ros_bag.reading import Bag, Stream
+from ros_bag.recovery import recover
 
 pytestmark = pytest.mark.live
 
@@ -123,8 +124,9 @@ from pathlib import Path
 import rclpy
 from confine.namespaces import end_with_parent
 from grader.live.ros_node.recorder import Recorder
-from grader.recording.bag import BagWriter
-from grader.recording.session import Endpoint, Qos
+from ros_bag.writing import BagWriter
+from grader.recording.session import (Endpoint)
+from ros_bag.qos import Qos
 setting = json.loads(sys.argv[1])
 rclpy.init()
 probe = rclpy.create_node("_grader_probe", enable_rosout=False)

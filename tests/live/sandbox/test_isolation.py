@@ -22,12 +22,12 @@ from grader.errors import IsolationError
 from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.sandbox import environment
-from grader.live.sandbox.probing import probe_isolation, require
-from grader.live.session.fork_server import ForkServer
+from grader.live.sandbox.probing import require
 from grader.live.session.runner import SessionRunner
 from grader.live.session.stage import stage
 from grader.recording.session import ProcessRun
 from grader.submission.artifacts import read_submission_folder
+from tests.live.shared_server import fork_server, scheduler
 from tests.live.small_lab import Lab, make_lab, texts
 
 pytestmark = pytest.mark.live
@@ -124,7 +124,7 @@ print(json.dumps({"denied": {k: outcome(v) for k, v in denied.items()},
 
 def isolation_of(level: Level) -> Isolation:
     """Return this machine's confinement, brought down to a level; skip where the machine has less."""
-    best = probe_isolation(PYTHON)
+    best = scheduler().isolation
     if not best.level.at_least(level):
         pytest.skip(f"this machine confines at the level {best.level.value} only: {best.remedy}")
     if level is Level.FULL:
@@ -140,7 +140,8 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
     """Record a lab's only session with a given confinement."""
     rubric = lab.rubric()
     submission = read_submission_folder(lab.submission, rubric)
-    with tempfile.TemporaryDirectory() as folder, ForkServer() as forks:
+    forks = fork_server(isolation.form)
+    with tempfile.TemporaryDirectory() as folder, forks.branch(isolation.form) as branch:
         wrappers = stage(lab.submission, submission, rubric, Path(folder), str(PYTHON))
         sessions = SessionRunner(
             rubric,
@@ -152,7 +153,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
             PYTHON,
             1,
             environment.versions(),
-            forks,
+            branch,
             lambda specs, attempt: lambda spec: nullcontext(),
         )
         sessions.record(["only"], lambda progress: None)

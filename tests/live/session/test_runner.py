@@ -505,7 +505,7 @@ def grading(tmp_path: Path) -> tuple[Lab, Path, subprocess.Popen[str], Watch]:
     def recording() -> bool:
         assert process.poll() is None, process.communicate()
         return (
-            len([path for path in bags.glob(".*.partial/*.mcap") if path.stat().st_size > 20_000])
+            len([path for path in bags.glob(".*.partial/*.mcap") if path.stat().st_size > 4_000])
             == 2
         )
 

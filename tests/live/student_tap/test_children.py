@@ -25,7 +25,7 @@ def talk():
 _SPAWNS = """
 import multiprocessing
 if __name__ == "__main__":
-    child = multiprocessing.get_context("spawn").Process(target=talk)
+    child = multiprocessing.get_context("spawn").Process(target=talk, daemon=True)
     child.start()
     child.join()
 """

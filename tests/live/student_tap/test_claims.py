@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from grader.live.student_tap.claims import claims_in
-from grader.recording.session import Qos
+from ros_bag.qos import Qos
 
 QOS = {"history": "keep_last", "depth": 3, "reliability": "reliable", "durability": "volatile"}
 NOTE: dict[str, Any] = {

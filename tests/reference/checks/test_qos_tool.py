@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from grader.recording.session import OutputLine, Qos
+from grader.recording.session import OutputLine
 from grader.result import Finding, Outcome
+from ros_bag.qos import Qos
 from tests.synthetic import BEST_EFFORT, RELIABLE, Session, at, evenly, given, judged, submission
 
 ENDS_BY_ITSELF = "reference/checks/qos_tool.py:ends_by_itself"

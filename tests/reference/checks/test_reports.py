@@ -12,9 +12,10 @@ import pytest
 from pydantic import ValidationError
 
 from grader.evidence.recorded import Recorded
-from grader.recording.bag import Bag
-from grader.recording.session import MachineSample, OutputLine, Qos, Usage
+from grader.recording.session import MachineSample, OutputLine, Usage
 from grader.result import Finding, Outcome
+from ros_bag.qos import Qos
+from ros_bag.reading import Bag
 from tests.synthetic import Session, at, judged, submission
 
 REPORTED_SERIES = "reference/checks/reports.py:reported_series"
@@ -279,6 +280,31 @@ def test_reports_that_are_missing_cost_their_share_alone(
     parameters = {**SHARE, "share": {**SHARE["share"], "costs": 0.25}}
     finding = judged(REPORTED_SERIES, parameters, with_reports(*stimulus(tmp_path), every=every))
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
+
+
+ONCE_MEANING = "There is one for each command."
+ONCE = {
+    "oracle": "reference/oracles.py:reports_once_per_command",
+    "meaning": ONCE_MEANING,
+    "credit": 0.5,
+}
+
+
+@pytest.mark.parametrize(("repeats", "credit"), [(20, 0.4375), (10, 0.875)])
+def test_a_command_that_is_used_once_is_named(tmp_path: Path, repeats: int, credit: float) -> None:
+    """A report for each command and not for each state is a known mistake; as few reports otherwise are not."""
+    session = Session(tmp_path)
+    times = [1.0 + plateau + 0.02 * n for plateau in range(4) for n in range(STATES_EACH)]
+    session.messages(STATE, [[0.0] * 7] * len(times), times)
+    step = STATES_EACH // repeats
+    sent = [(n, time_s - 0.001) for n, time_s in enumerate(times) if n % step == 0]
+    commands = [[ERRORS[n // STATES_EACH]] * 7 for n, _ in sent]
+    session.messages(COMMAND, commands, [time_s for _, time_s in sent])
+    parameters = {**SHARE, "share": {**SHARE["share"], "costs": 0.25, "fewer": [ONCE]}}
+    with_reports(session, times, every=2)
+    finding = judged(REPORTED_SERIES, parameters, session)
+    assert float(finding.credit) == pytest.approx(credit, abs=0.005)
+    assert (ONCE_MEANING in finding.reason) == (repeats == 20)
 
 
 def test_output_that_was_not_kept_costs_nothing(tmp_path: Path) -> None:

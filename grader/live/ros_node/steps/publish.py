@@ -40,6 +40,7 @@ def publish(probe: Probe, step: PublishStep) -> Answer:
             sent += 1
             probe.wait(1.0 / step.rate_hz)
         publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
+        probe.wait(step.observe_s)
     finally:
         report("published", Published("director", topic, step.type, digest(data) * sent))
         node.destroy_node()
