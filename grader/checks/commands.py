@@ -8,6 +8,7 @@ import shlex
 import string
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
+from pathlib import PurePosixPath
 from typing import Any
 
 from grader.lab.lab_code import OwnParameters
@@ -112,6 +113,8 @@ class _Scope:
         }
         self._used = used
         self._reason = reason
+        self._package = _package_with(submission, self._paths.get("launch", ""))
+        self._build = _BUILD if self._package else ""
 
     def filled(self, template: str) -> Iterator[str]:
         """Yield the template with each combination of values for its names; nothing if a name has no value."""
@@ -132,7 +135,7 @@ class _Scope:
             return self._lines(self._steps[value])
         if value is not None:
             if name in _FILES:
-                return [shlex.quote(self._paths.get(value, value))]
+                return [self._file(name, value)]
             return [self._quoted(value)]
         within = list(dict.fromkeys(_within(self._own, name)))
         lines: list[str] = []
@@ -169,7 +172,18 @@ class _Scope:
         lines: list[str] = []
         for template in step.step.commands():
             lines += inner.filled(template)
-        return lines
+        if "launch" not in inner._own:
+            return lines
+        return [f"{self._build}{line}" for line in lines]
+
+    def _file(self, name: str, value: str) -> str:
+        """Return the path of a file, or the package and the name of a launch file that a package installs."""
+        path = self._paths.get(value, value)
+        if name != "launch":
+            return shlex.quote(path)
+        if not self._package:
+            return shlex.quote(path)
+        return f"{self._package} {shlex.quote(PurePosixPath(path).name)}"
 
     def _quoted(self, value: Any) -> str:
         """Return a value as a word of a command, or the values of a mapping or list as several words."""
@@ -178,6 +192,25 @@ class _Scope:
         if isinstance(value, (list, tuple)):
             return " ".join(map(self._quoted, value))
         return shlex.quote(self._used.get(str(value), str(value)))
+
+
+#: Commands after which ROS finds a package of the submission.
+_BUILD = "colcon build && . install/setup.bash && "
+
+
+def _package_with(submission: SubmissionRecord, path: str) -> str:
+    """Return the name of the built package that installs a launch file; empty without one.
+
+    By its path alone, `ros2 launch` would find the executables of no such package.
+    """
+    for package in submission.packages:
+        if package.shared is None:
+            continue
+        if submission.build_of(package) is None:
+            continue
+        if path in package.shared.values():
+            return package.name
+    return ""
 
 
 def _within(value: Any, name: str) -> Iterator[str]:

@@ -214,6 +214,20 @@ class _ReadmeFacts:
         mentioned = (1 - run_weight) * len(self.found) / len(self.parts)
         return run_weight * bool(self.run) + mentioned
 
+    def missing(self) -> list[str]:
+        """Return the names of the parts without a mention."""
+        return [part.names[0] for part in self.parts if part not in self.found]
+
+    def hint(self) -> str:
+        """Ask for the missing texts alone."""
+        hints = []
+        if not self.run:
+            hints.append("Give the commands that run the work.")
+        missing = self.missing()
+        if missing:
+            hints.append(f"Add a few words about {', '.join(missing)}.")
+        return " ".join(hints)
+
     def reasons(self) -> list[str]:
         """Say which texts are missing."""
         reasons = []
@@ -223,9 +237,9 @@ class _ReadmeFacts:
             )
         if self.foreign:
             reasons.append(f"The README's commands run other work: {self.foreign}.")
-        missing = [part.names[0] for part in self.parts if part not in self.found]
+        missing = self.missing()
         if missing:
-            reasons.append(f"It found no mention of {', '.join(missing)}.")
+            reasons.append(f"The grader found no mention of {', '.join(missing)}.")
         if reasons and self.hollow:
             reasons.append(f"Nothing of its own stands under {self._listed_hollow()}.")
         return reasons
@@ -268,7 +282,8 @@ def readme(context: Context, p: Readme) -> Finding:
     run = "yes" if facts.run else "not found"
     measured = f"how to run it: {run}; {len(facts.found)} of {len(facts.parts)} parts found"
     reasons = " ".join(facts.reasons())
-    finding = graded(share, expected, measured, reasons, where=where, notes=notes)
+    hint = facts.hint()
+    finding = graded(share, expected, measured, reasons, hint=hint, where=where, notes=notes)
     return replace(finding, counted=facts.counted())
 
 
@@ -482,14 +497,24 @@ class _Explained:
         of_files = file_weight * _explained_share(self.files)
         return of_files + (1 - file_weight) * _explained_share(self.inner)
 
+    def counts(self) -> str:
+        """Return the numbers of explained units in words."""
+        once = list({id(unit): unit for unit in self.files}.values())
+        files = f"files: {_explained_in(once)} of {len(once)}"
+        inner = f"classes and functions: {_explained_in(self.inner)} of {len(self.inner)}"
+        return f"{files}; {inner}"
+
     def bare(self) -> list[tuple[str, Unit]]:
         """Return the units without an explanation, and the paths of their files."""
         return [(path, unit) for path, unit in self.units if unit.explained_by is None]
 
 
+def _explained_in(units: Sequence[Unit]) -> int:
+    return sum(unit.explained_by is not None for unit in units)
+
+
 def _explained_share(units: Sequence[Unit]) -> float:
-    explained = sum(unit.explained_by is not None for unit in units)
-    return explained / len(units)
+    return _explained_in(units) / len(units)
 
 
 def code_explained(context: Context, p: CodeExplained) -> Finding:
@@ -497,7 +522,8 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers, p.file_words)
     facts = _sources(context, p.artifacts, rules)
     expected = f"a docstring or a comment explains at least {percent(p.full_from)}: of the files ({percent(p.file_weight)}), "
-    expected += f"and of classes and functions of {p.function_lines} lines or more (the rest)"
+    expected += f"and of classes and functions with a body of {p.function_lines} lines or more (the rest); constructors, "
+    expected += "main and the only class of a file do not count"
     if p.file_words:
         expected += f"; comments explain a file from {p.file_words} words on"
     if not facts:
@@ -507,9 +533,8 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
         return passed(expected, "nothing that needs an explanation")
     share = explained.share(p.file_weight)
     bare = explained.bare()
-    count = len(explained.units)
     shown_share = apart(100 * share, 100 * p.full_from, places=0)
-    measured = f"{count - len(bare)} of {count} explained, with these weights {shown_share}%"
+    measured = f"{explained.counts()}; with these weights {shown_share}%"
     reason = _not_explained(bare, facts)
     where = [Location(file=path, line=unit.line) for path, unit in bare[:_MOST_NAMED]]
     share /= p.full_from
@@ -637,23 +662,31 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     given = _given(context).sentences
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives, given)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
-    measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} different words of the student's own"
+    measured = f"{', '.join(found.discussed) or 'none'} discussed"
     if found.unclear and 2 * len(found.discussed) < p.full_concepts:
         return _unclear(expected, measured, found.unclear)
     if len(found.discussed) < p.least_concepts:
         return _too_little(context, expected, measured, found, p.artifacts)
+    return _judge_discussion(expected, measured, found, p)
+
+
+def _judge_discussion(
+    expected: str, measured: str, found: Discussion, p: ConceptsExplained
+) -> Finding:
+    """Judge the text that was found, and list its places."""
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     if found.related:
         share = 2 / 3 * covered + 1 / 3
     else:
         share = 1 / 3 * covered
-    reasons = _missing_discussion(found, p)
-    where = [] if reasons else _locations(found)
+    reason = " ".join(_missing_discussion(found, p))
+    where = [] if reason else _locations(found)
     notes = []
     for passage in found.strung:
         at = _at(passage.file, passage.line)
         notes.append(f"{FOR_A_PERSON} {at}, seems to be words, not sentences.")
-    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    hint = _discussion_hint(found, p)
+    finding = graded(share, expected, measured, reason, hint=hint, where=where, notes=notes)
     return replace(finding, counted=_counted_concepts(found, p))
 
 
@@ -717,11 +750,24 @@ def _sought(context: Context, artifacts: Sequence[str]) -> str:
     return " ".join(said)
 
 
+def _missing_concepts(found: Discussion, p: ConceptsExplained) -> str:
+    return ", ".join(name for name in p.concepts if name not in found.discussed)
+
+
+def _discussion_hint(found: Discussion, p: ConceptsExplained) -> str:
+    """Ask for the missing concepts if nothing else is missing; empty leaves the hint to the rubric."""
+    if len(found.discussed) >= p.full_concepts or not found.related:
+        return ""
+    lacking = p.full_concepts - len(found.discussed)
+    sentences = "one sentence" if lacking == 1 else f"{lacking} sentences"
+    return f"Add {sentences} in the README about one of these each: {_missing_concepts(found, p)}."
+
+
 def _missing_discussion(found: Discussion, p: ConceptsExplained) -> list[str]:
     """Say which concepts were not recognised, and that no comparison was."""
     reasons = []
     if len(found.discussed) < p.full_concepts:
-        missing = ", ".join(name for name in p.concepts if name not in found.discussed)
+        missing = _missing_concepts(found, p)
         recognised = f"The grader recognised {len(found.discussed)} of {len(p.concepts)} subjects"
         reasons.append(
             f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}."

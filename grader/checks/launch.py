@@ -23,6 +23,7 @@ from grader.checks.base import (
     not_reached,
     of_parts,
     passed,
+    percent,
     quantise,
 )
 from grader.checks.fields import NumbersOf
@@ -115,7 +116,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
 
     This check charges the mistakes that were repaired on a copy, and other checks judge the rest.
     """
-    expected = "a launch description without an error"
+    expected = "`ros2 launch` brings it up without an error"
     plan = plan_of(context, p.step)
     if plan is _NO_PLAN:
         reason = "The recording does not hold an evaluation of the launch file."
@@ -257,7 +258,7 @@ def _package_faults(context: Context, artifact: str, plan: Plan) -> dict[str, Re
         build = context.submission.build_of(package)
         fault = None
         if build is not None and not why_not_built(build):
-            fault = build_fault(package, build, texts) or placement_fault(package, build)
+            fault = build_fault(package, build, texts) or placement_fault(package, build, texts)
         if fault is None:
             fault = start_fault(package, build, texts, filter(None, named))
         if fault is not None:
@@ -857,6 +858,8 @@ class _Given:
     is_unreadable: bool
     #: True if the running node told its value.
     is_read: bool
+    #: Words for a value that the running node did not tell.
+    unread: str = ""
 
     @property
     def shown(self) -> str:
@@ -865,7 +868,7 @@ class _Given:
             return "missing"
         if self.is_read:
             return f"= {self.value!r}"
-        return f"= {self.value!r} by the launch file (not read from the node)"
+        return f"= {self.value!r} by the launch file ({self.unread})"
 
     @classmethod
     def of(cls, context: Context, wanted: WantedNodeParameter, entry: Process) -> _Given:
@@ -881,7 +884,13 @@ class _Given:
             return cls(planned, running.value, is_unreadable=False, is_read=True)
         was_asked = step is not None and step.outcome == "done"
         is_unreadable = was_asked and result.declares(wanted.name)
-        return cls(planned, planned, is_unreadable, is_read=False)
+        if _died(context, entry):
+            unread = "the node had ended"
+        elif was_asked and not is_unreadable:
+            unread = "the node does not declare it, so it has no effect"
+        else:
+            unread = "not read from the node"
+        return cls(planned, planned, is_unreadable, is_read=False, unread=unread)
 
 
 def _judge_parameter(
@@ -950,8 +959,6 @@ class _Doer(Parameters):
 class TogetherCommands(_Doer):
     """Commands arrive as they do alone."""
 
-    expected: ClassVar[str] = "commands at the rate the publisher has alone"
-
     topic: ref.Topic
     alone_session: ref.SessionId
     window: ref.Window
@@ -964,6 +971,13 @@ class TogetherCommands(_Doer):
         description="Parameter that sets the rate; which value it is given is judged elsewhere.",
     )
 
+    @property
+    def expected(self) -> str:
+        """Name the task in words."""
+        return (
+            f"commands at {percent(self.least_share)} or more of the rate the publisher has alone"
+        )
+
     def judged(self, context: Context, span: Span | None, delayed: Delayed) -> Part | None:
         """Compare the rate with the rate of the publisher alone."""
         timing = timing_of(context.session.stream(self.topic), span)
@@ -972,15 +986,19 @@ class TogetherCommands(_Doer):
             return Part(0.0, "no commands", reason)
         rate_hz = timing.rate_hz
         alone_hz = self._alone_hz(context)
-        if alone_hz is None or self._is_as_set(context, rate_hz):
+        if self._is_as_set(context, rate_hz):
+            return Part(1.0, f"commands at {rate_hz:.1f} Hz, as {self.rate_parameter} sets it")
+        if alone_hz is None:
             return Part(1.0, f"commands at {rate_hz:.1f} Hz")
         rate = bounds.count(rate_hz, delayed)
         share = rate.credit(lambda rate_hz: self._share(rate_hz, alone_hz))
         limits = (rate_hz, alone_hz) if share.low < 1 else ()
         shown = apart(rate_hz, *limits, places=1)
         alone_shown = apart(alone_hz, *limits, places=1)
-        reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
-        text = f"commands at {shown} Hz ({alone_shown} Hz alone)"
+        reason = (
+            f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz on average."
+        )
+        text = f"commands at {shown} Hz (alone, {alone_shown} Hz on average)"
         return Part.between(share, text, reason)
 
     def _share(self, rate_hz: float, alone_hz: float) -> float:
@@ -1148,9 +1166,13 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         delayed = bounds.longest_delay(context.session, whole)
     roles = _roles(context, p)
     judged = []
+    down = []
     for role in roles:
         part = role.doer.judged(context, span, delayed)
-        if part is not None and role.is_up(context):
+        if not role.is_up(context):
+            text = f"not judged without its node: {role.doer.expected}"
+            down.append(Part(1.0, text, weight=0.0))
+        elif part is not None:
             judged.append(role.charged_once(context, roles, part))
     if all(part.is_excused for part in judged):
         return _nothing_to_judge(expected, roles)
@@ -1160,7 +1182,7 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     elif p.follows is not None:
         topic = p.follows.topic
     where = (context.location(topic),)
-    return of_parts(expected, judged, where=where)
+    return of_parts(expected, [*judged, *down], where=where)
 
 
 def _whole(context: Context, p: LaunchTogether, span: Span | None) -> Span | None:

@@ -145,7 +145,7 @@ def _lost(fault: BuildFault) -> Part:
 def _runs(context: Context, p: PackageBuilds, package: PackageFact, build: BuildFact) -> Part:
     """Judge the executables found and started by `ros2 run`."""
     found = executables_in(build)
-    fault = placement_fault(package, build)
+    fault = placement_fault(package, build, context.submission.texts)
     if fault is None:
         fault = start_fault(package, build, context.submission.texts, found)
     if fault is not None:

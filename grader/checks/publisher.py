@@ -295,9 +295,11 @@ def _shown_rate(
 ) -> str:
     shown_hz = apart(rate_hz, *_around_hz(p, p.full_within), places=2)
     counted = f"{timing.written} messages in {length_s:.1f} s"
+    if rate.method:
+        counted = f"in all, {counted}"
     if len(timing.intervals_s):
         counted += f", the longest interval {timing.intervals_s.max():.2f} s"
-    return f"{shown_hz} Hz ± {max(rate.error, 0.01):.2f} Hz ({counted}){rate.method}"
+    return f"{shown_hz} Hz ± {max(rate.error, 0.01):.2f} Hz{rate.method} ({counted})"
 
 
 def _rate_locations(
@@ -379,8 +381,6 @@ class _Change:
 
 #: Shortest part of a window with a rate of its own, in s.
 _LASTING_S = 1.0
-
-
 #: Relative difference of usual intervals from which a rate has changed.
 _OTHER_RATE = 0.02
 
@@ -427,16 +427,19 @@ def _turn_ns(timing: Timing) -> int:
 
 
 def _changed(context: Context, p: TopicRate, change: _Change) -> Finding:
-    """Grade the rate with which a node goes on after a change."""
+    """Grade the rate with which a node goes on after a change, and point at the timers that may set it."""
     before_hz = f"{change.before.rate_hz:.1f} Hz for {change.before_s:.1f} s"
     after_hz = f"{change.after.rate_hz:.1f} Hz"
+    places: list[Location] = []
+    for timer in _timers(context):
+        places += claimed_at(timer)
     changed = graded(
         change.share(p),
         _expected_rate(p),
         f"{before_hz}, then {after_hz} for {change.span.duration_s:.1f} s",
         f"The rate changes: messages come at {before_hz}, then at {after_hz}.",
-        hint="Publish at the same rate for as long as the node runs.",
-        where=(context.location(p.topic, change.span),),
+        hint="Publish at the same rate for as long as the node runs: make one timer, and keep its period.",
+        where=(*dict.fromkeys(places), context.location(p.topic, change.span)),
         levels=CREDIT_LEVELS,
     )
     return context.charge(changed, _changed_rate_of(p))
@@ -516,18 +519,20 @@ class TopicJitter(_Timed):
 
 
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
-    """Judge the evenness of intervals between consecutive samples."""
+    """Judge the evenness of intervals between consecutive samples; a change of the rate is a mistake of its own."""
     span = p.span(context)
     published = p.publication(context, span)
-    expected = _expected_jitter(p)
     where = (context.location(p.topic, span),)
     if published is None or not len(published.timing.intervals_s):
         reason = "Too few messages arrived to measure the gaps between them."
-        return unexplained(failed(expected, "too few messages", reason, where=where))
+        return unexplained(failed(_expected_jitter(p), "too few messages", reason, where=where))
     uneven = _unevenness(context, p, published)
-    if _change(context, p, published, published.timing.rate_hz) is None:
+    if not uneven.outcome.took_points:
         return uneven
-    return context.charge(uneven, _changed_rate_of(p))
+    change = _change(context, p, published, published.timing.rate_hz)
+    if change is None:
+        return uneven
+    return _uneven_by_change(context, p, uneven, change)
 
 
 def _unevenness(context: Context, p: TopicJitter, published: Publication) -> Finding:
@@ -550,6 +555,19 @@ def _unevenness(context: Context, p: TopicJitter, published: Publication) -> Fin
         doubt=shares.why,
         hint=_SHORT_CALLBACK_HINT if _timers(context) else "",
     )
+
+
+def _uneven_by_change(context: Context, p: TopicJitter, found: Finding, change: _Change) -> Finding:
+    """State that a change of the rate makes the intervals uneven: no gap is usual over the whole window."""
+    before = f"{change.before.median_s * 1e3:.1f} ms"
+    after = f"{change.after.median_s * 1e3:.1f} ms"
+    measured = f"usual gaps of {before}, then of {after}"
+    reason = (
+        f"The usual gap changes from {before} to {after}, so no gap is usual over the whole time."
+    )
+    hint = "Keep one rate; the gaps are even then."
+    changed = replace(found, measured=measured, reason=reason, hint=hint)
+    return context.charge(changed, _changed_rate_of(p))
 
 
 def _expected_jitter(p: TopicJitter) -> str:

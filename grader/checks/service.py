@@ -224,6 +224,8 @@ def earlier_silence(context: Context, step: StepRun | None, expected: str) -> Fi
     for earlier in _steps_before(context, step):
         if _silent(earlier):
             reason = f'Not tested, because the call "{earlier.label}" got no answer. {THEN_THESE}'
+            if _calls(step):
+                reason = f'No answer came, as none did to the call "{earlier.label}". {THEN_THESE}'
             return not_reached(reason, expected=expected)
     return None
 
@@ -296,6 +298,8 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     else:
         request = CallStep.given(step).request
     expected = f"{shown(request)} → {shown(p.response)}"
+    if p.contrary is not None:
+        expected += ", with a message that does not say the opposite"
     response = answer_of(step)
     where = (call_location(context, step),)
     if response is None:

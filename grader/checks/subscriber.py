@@ -217,7 +217,7 @@ def survives(context: Context, p: Survives) -> Finding:
 
     A program that starts its node again does not pass.
     """
-    expected = "the node goes on"
+    expected = "the node goes on after these messages"
     step = context.session.step(p.step)
     processes = context.session.processes_of(p.artifact)
     if step is None or not processes or step.outcome == "failed":
@@ -269,10 +269,10 @@ def _judge_early_reports(
     context: Context, p: Survives, step: StepRun, later: StepRun | None
 ) -> Finding:
     """Judge whether a surviving node made reports before there was anything to compare."""
-    expected = "the node goes on"
+    expected = "the node goes on after these messages"
     early = _early_reports(context, p, step, later)
     if not early:
-        return passed(expected, "it went on")
+        return passed(expected, "it went on after them")
     when_s = context.session.since_start_s(early[0].t_ns)
     reason = f"At {when_s:.1f} s it reports {early[0].value:g}, when there is nothing yet to compare with."
     measured = f"it went on; early reports: {len(early)}"

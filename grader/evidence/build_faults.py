@@ -264,8 +264,13 @@ def misplaced_executables(build: BuildFact) -> dict[str, str]:
     return found
 
 
-def placement_fault(package: PackageFact, build: BuildFact) -> BuildFault | None:
-    """Return the fault of a package with executables that `ros2 run` and `ros2 launch` do not find."""
+def placement_fault(
+    package: PackageFact, build: BuildFact, texts: Mapping[str, str]
+) -> BuildFault | None:
+    """Return the fault of a package with executables that `ros2 run` and `ros2 launch` do not find.
+
+    Its place is setup.cfg, or the setup.py that declares the executables if there is no setup.cfg.
+    """
     misplaced = misplaced_executables(build)
     found = executables_in(build)
     lost = [name for name in misplaced if name not in found]
@@ -275,14 +280,19 @@ def placement_fault(package: PackageFact, build: BuildFact) -> BuildFault | None
     names = ", ".join(sorted(lost))
     wanted = f"lib/{package.name}"
     remedy = (
-        f"Write in setup.cfg: [develop] script_dir=$base/{wanted} [install] install_scripts=$base/{wanted} "
-        "(four lines: each section, then its entry)."
+        f"Write four lines in setup.cfg: `[develop]`, `script_dir=$base/{wanted}`, `[install]`, "
+        f"`install_scripts=$base/{wanted}`."
     )
+    place = _within(package, "setup.cfg")
+    cause = "setup.cfg names another folder"
+    if place not in texts:
+        place = _within(package, "setup.py")
+        cause = "there is no setup.cfg"
     return BuildFault(
         f"The package {package.name} installs {names} in {folder}, while `ros2 run` and `ros2 launch` search {wanted}: "
-        "setup.cfg is missing or names another folder.",
+        f"{cause}.",
         remedy,
-        _within(package, "setup.cfg"),
+        place,
     )
 
 

@@ -148,7 +148,7 @@ class Calm:
     @property
     def said(self) -> str:
         """A clause with the sum of the intervals."""
-        return f", by {self.intervals_s.sum():.1f} s in which the grading computer was not busy"
+        return f", measured in {self.intervals_s.sum():.1f} s in which the grading computer was not busy"
 
     def rate_hz(self) -> tuple[float, float]:
         """Return the bounds of the rate.

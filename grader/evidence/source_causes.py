@@ -81,6 +81,8 @@ def corrected(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
         return _by_overwritten(found, texts.get(found.file or "", ""))
     if found.kind == "no-response":
         return _by_callback(found, texts)
+    if found.kind == "format-of-several":
+        return _by_format(found, texts.get(str(found.file), ""))
     return found
 
 
@@ -91,6 +93,45 @@ def _by_overwritten(found: Diagnosis, text: str) -> Diagnosis:
     problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters: declared ones are lost."
     remedy = "Give the attribute another name, for instance self._my_parameters."
     return Diagnosis(OVERWRITTEN, problem, remedy, found.file, line, subject=found.subject)
+
+
+def _by_format(found: Diagnosis, text: str) -> Diagnosis:
+    """Return the line that assigns the only formatted name of the traceback's line, if there is one."""
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return found
+    if found.line is None:
+        return found
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.FormattedValue(value=ast.Name(id=name), format_spec=ast.JoinedStr()):
+                if node.lineno == found.line:
+                    names.add(name)
+    if len(names) != 1:
+        return found
+    name = names.pop()
+    line = _assigned_before(tree, name, found.line)
+    if line is None:
+        return found
+    problem = (
+        f"{name} of line {line} holds several numbers, and line {found.line} formats it as one."
+    )
+    remedy = (
+        f"If {name} must be one number, compute one in line {line}, for instance without `axis=`; otherwise format each of "
+        "its numbers."
+    )
+    return Diagnosis(found.kind, problem, remedy, found.file, line, subject=name)
+
+
+def _assigned_before(tree: ast.Module, name: str, before: int) -> int | None:
+    """Return the last line before another one that assigns a name; None without one."""
+    lines = []
+    for node in ast.walk(tree):
+        for target in _targets(node):
+            if code_of(target) == name:
+                lines.append(target.lineno)
+    return max((line for line in lines if line < before), default=None)
 
 
 def _by_callback(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
@@ -173,6 +214,41 @@ def _targets(node: ast.AST) -> Sequence[ast.expr]:
         return node.targets
     if isinstance(node, ast.AnnAssign):
         return [node.target]
+    return []
+
+
+def appended_again(text: str) -> tuple[int, str] | None:
+    """Return the first line that appends one object again and again, and the call that appends a copy; None without one.
+
+    The object is an attribute that only __init__ assigns, so that other lines change its contents alone.
+
+    Example
+    -------
+    After `np.subtract(a, b, out=self.error)`, `self.errors.append(self.error)` needs `self.errors.append(self.error.copy())`.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    assigned: set[str] = set()
+    found: list[tuple[int, str, str]] = []
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef) or function.name == "__init__":
+            continue
+        for node in ast.walk(function):
+            assigned.update(map(code_of, _targets(node)))
+            found += _appended(node)
+    lines = [(line, copying) for line, value, copying in found if value not in assigned]
+    return min(lines, default=None)
+
+
+def _appended(node: ast.AST) -> Sequence[tuple[int, str, str]]:
+    """Return the line of a call of `append`, the attribute that it appends, and the call with a copy of that."""
+    match node:
+        case ast.Call(
+            func=ast.Attribute(attr="append") as function, args=[ast.Attribute() as value]
+        ):
+            name = code_of(value)
+            return [(node.lineno, name, f"{code_of(function)}({name}.copy())")]
     return []
 
 

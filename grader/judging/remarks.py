@@ -63,7 +63,7 @@ def _of_builds(submission: SubmissionRecord) -> Iterator[tuple[str, str]]:
             continue
         fault = build_fault(package, build, submission.texts)
         if fault is None:
-            fault = placement_fault(package, build)
+            fault = placement_fault(package, build, submission.texts)
         if fault is not None:
             yield f"{fault.message} {fault.remedy}", fault.message
 

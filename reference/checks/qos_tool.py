@@ -195,7 +195,7 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
         reasons.append(f"{topic} is named {used}; the other checks use that name.")
     share = max(0.0, _share_of(count, p) - cost)
     best = max(0.0, _share_of(undelayed, p) - cost)
-    return Part(share * heard, f"{used} {count}", " ".join(reasons), best * heard)
+    return Part(share * heard, f"{used} {count} published", " ".join(reasons), best * heard)
 
 
 def _share_of(count: float, p: TopicsCarryTraffic) -> float:

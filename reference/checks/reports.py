@@ -20,6 +20,7 @@ from grader.own_checks import (
     FieldPath,
     Finding,
     Loadable,
+    Location,
     NumericStream,
     Outcome,
     Pattern,
@@ -31,6 +32,7 @@ from grader.own_checks import (
     Share,
     Topic,
     apart,
+    appended_again,
     check,
     excused,
     failed,
@@ -100,6 +102,10 @@ class Alternative(BaseModel):
     charged_by: tuple[EarlierCheckId, ...] = Field(
         (), description="Where one of these checks took points, none are lost here."
     )
+    stores_one_object: str | None = Field(
+        None,
+        description="Words for numbers of one object that is stored again and again, if the source does not show where.",
+    )
     each: bool = Field(
         False,
         description="The mistake leaves little of use: each check that it fails loses its own points.",
@@ -112,9 +118,10 @@ class Alternative(BaseModel):
 
         The share of right numbers is the least credit. A mistake that costs nothing is excused.
         """
-        meant = f"Your numbers match {self.meaning}."
+        meant, hint, places = self._meant(context, artifact)
         reason = f"{finding.reason} {meant}".strip()
         judged = _regraded(finding, max(self.credit, least), reason)
+        judged = replace(judged, hint=hint, where=(*places, *finding.where))
         if judged.outcome is Outcome.PASSED:
             return excused(judged, meant)
         if self.each:
@@ -123,6 +130,22 @@ class Alternative(BaseModel):
         if not cause:
             cause = f"{artifact}: {dict(self.parameters)}"
         return context.charge(judged, cause, self.charged_by)
+
+
+    def _meant(self, context: Context, artifact: str) -> tuple[str, str, Sequence[Location]]:
+        """Name the mistake, with its remedy and its place if the source shows them."""
+        meant = f"Your numbers match {self.meaning}"
+        if self.stores_one_object is None:
+            return f"{meant}.", "", ()
+        path = context.path_of(artifact)
+        stored = None
+        if path is not None:
+            stored = appended_again(str(context.text(path)))
+        if stored is None:
+            return f"{meant}: {self.stores_one_object}.", "", ()
+        line, copying = stored
+        reason = f"{meant}: line {line} of {path} appends the same object each time."
+        return reason, f"Append a copy in line {line}: `{copying}`.", (Location(file=path, line=line),)
 
 
 class FewerReports(BaseModel):
@@ -543,7 +566,7 @@ class ReportedStatistics(Streams):
 @check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     """Judge a printed vector, element by element; known mistakes are named."""
-    expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
+    expected = f"{p.length} numbers behind '{p.label}:' at the end, agreeing with the recording"
     streams = p.recorded(context)
     if streams is None:
         return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
@@ -580,7 +603,7 @@ def _nothing_printed(p: ReportedStatistics, run: Run | None, expected: str) -> F
     hint = (
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
-    nothing = failed(expected, "nothing", reason, hint=hint)
+    nothing = failed(expected, "no such line", reason, hint=hint)
     return unexplained(nothing)
 
 
@@ -628,7 +651,7 @@ def _judge_vector(
     of_all = len(heard) / comparable / p.full_from
     # After a loss, a right history reaches back further and may look like one that is too long.
     if fits and of_all >= 1:
-        return _passed_over_reported(context, p, streams, vector, heard)
+        return _passed_over_reported(context, p, streams, vector, heard, comparable)
     for other in p.alternatives:
         if _agrees(context, p, streams, other.parameters, printed):
             return other.explains(context, p.artifact, vector.right)
@@ -658,16 +681,17 @@ def _passed_over_reported(
     streams: Mapping[str, NumericStream],
     vector: _Vector,
     heard: Sequence[tuple[int, float]],
+    comparable: int,
 ) -> Finding:
     """State that a vector is right for the messages that the node reported, with the right one for these."""
     answer = p.answer(context, streams, {"reports": heard})
     right = answer[p.key]["value"]
     measured, right_text = _shown_vectors(vector.printed.values, right, False)
     expected = f"{right_text} from the {len(heard)} messages that the node reported, behind '{p.label}:' at Ctrl-C"
-    note = f"{p.label}: judged over the {len(heard)} reported messages."
+    note = f"{p.artifact}: The statistics are right for the {len(heard)} of {comparable} messages that the node reported."
     lost, _ = _lost_to_machine(context, p)
-    if lost:
-        note += " On a busy computer, a node may not get all of them."
+    if lost >= _LOST_SHARE:
+        note += " The grading computer was busy, which can cost a node some messages."
     notes = (*vector.notes, note)
     return passed(expected, measured, notes=notes)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field
@@ -100,9 +101,12 @@ class _Gate:
         answers = f"off: {_shown(self.off)}; on again: {_shown(self.on)}"
         return f"{answers}; off from the start: {_shown(self.off_from_start)}"
 
-    def graded(self, share: float, reason: str, hint: str = "") -> Finding:
-        """State a share of credit with its reason."""
-        return graded(share, self.expected, self.measured, reason, hint=hint, where=self.where)
+    def graded(
+        self, share: float, reason: str, hint: str = "", places: Sequence[Location] = ()
+    ) -> Finding:
+        """State a share of credit with its reason; the places of the mistake stand before the calls."""
+        where = (*places, *self.where)
+        return graded(share, self.expected, self.measured, reason, hint=hint, where=where)
 
 
 @check(commands=("{set_step}", "{refused_step}"))
@@ -145,6 +149,7 @@ def _gate(context: Context, p: CallGated) -> _Gate:
     recovered = _shown(p.recovered)
     expected = f"{refused} while the parameter is off"
     expected += f", and after such a refusal {recovered} when it is on again"
+    expected += "; other checks judge the messages"
     off, on, off_from_start = answers
     return _Gate(off, on, off_from_start, tuple(where), expected)
 
@@ -217,8 +222,8 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
         return context.charge(found, cause)
     mistyped = _mistyped(context, p)
     if mistyped and gate.off_from_start is None:
-        reason = f"It refuses only by a value of its own type: {mistyped}"
-        found = gate.graded(0.0, reason, _TYPE_HINT)
+        last = replace(gate, where=gate.where[-1:])
+        found = last.graded(0.0, mistyped, _TYPE_HINT, _declarations(context, p))
         cause = _parameter_cause(context.step(p.set_step))
         return context.charge(found, cause)
     if _fits(gate.on, p.recovered):
@@ -264,9 +269,29 @@ def _mistyped(context: Context, p: CallGated) -> str:
         wanted = _TYPE_NAMES.get(type(value), own)
         if own not in (wanted, "not set"):
             given = json.dumps(value)
-            reason = f"{name} is declared as a {own}, so rclpy refuses the {wanted} {given} while the node runs"
-            return f"{reason}, and the node ends if it starts with it."
+            reason = f"{name} is declared as a {own}, so the {wanted} {given} cannot be set"
+            return f"{reason}: rclpy refuses it while the node runs, and the node ends if it starts with it."
     return ""
+
+
+def _declarations(context: Context, p: CallGated) -> tuple[Location, ...]:
+    """Return the lines of the programs that declare the parameters of a step."""
+    setting = context.step(p.set_step)
+    if setting is None:
+        return ()
+    names = "|".join(map(re.escape, setting.parameters.get("values", {})))
+    declares = re.compile(rf"declare_parameter\(\s*['\"](?:{names})['\"]")
+    found = []
+    for path in context.paths:
+        text = context.text(path)
+        if text is None:
+            continue
+        if not path.endswith(".py"):
+            continue
+        for match in declares.finditer(text):
+            line = text.count("\n", 0, match.start()) + 1
+            found.append(Location(file=path, line=line))
+    return tuple(found)
 
 
 def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:

@@ -12,7 +12,12 @@ from grader.checks.commands import commands_of
 from grader.judging.rubrics import read_rubric
 from grader.lab.lab_code import is_own
 from grader.lab.rubric import Rubric
-from grader.recording.submission import ArtifactFact, SubmissionRecord
+from grader.recording.submission import (
+    ArtifactFact,
+    BuildFact,
+    PackageFact,
+    SubmissionRecord,
+)
 from grader.result import Finding, Outcome
 
 HANDED_IN = SubmissionRecord(
@@ -83,6 +88,20 @@ def test_every_kind_of_the_lab_can_be_written(rubric: Rubric) -> None:
             continue
         has_some = spec.session is not None and spec.check != "launch_together"
         assert bool(commands) == has_some, spec.check
+
+
+def test_a_launch_file_of_a_package_is_started_by_the_package(rubric: Rubric) -> None:
+    """By its path, `ros2 launch` finds no executable of a package that is not built."""
+    path = "launch/my robot_launch.py"
+    package = PackageFact("arm", "", "ament_python", shared={"share/arm/robot_launch.py": path})
+    built = dataclasses.replace(
+        HANDED_IN, packages=[package], builds=[BuildFact("arm", "", "built")]
+    )
+    spec = next(spec for spec in rubric.checks() if spec.check == "launch_loads")
+    finding = Finding(Outcome.FAILED, Decimal(0))
+    (command,) = commands_of(spec, rubric, built, {}, finding)
+    build = "colcon build && . install/setup.bash"
+    assert command == f"{build} && ros2 launch arm 'my robot_launch.py'"
 
 
 def test_a_silent_publisher_is_shown_by_its_messages(rubric: Rubric) -> None:

@@ -111,7 +111,7 @@ def test_a_file_that_holds_several_parts_counts_once() -> None:
     record = submission({"nodes.py": text}, it="nodes.py", other="nodes.py")
     finding = static("code_explained", {**CODE, "artifacts": ["it", "other"]}, record)
     assert finding.outcome is Outcome.PASSED
-    assert finding.measured.startswith("1 of 1")
+    assert finding.measured.startswith("files: 1 of 1; ")
 
 
 def test_each_part_of_a_readme_counts() -> None:
@@ -458,6 +458,43 @@ def test_given_text_is_no_readme() -> None:
     assert static("readme", README, record).outcome is Outcome.PASSED
     record.given_texts = {"handout/README.md": FILLED}
     assert static("readme", README, record).credit == 0
+
+
+def test_a_readme_is_asked_for_missing_texts_alone() -> None:
+    """Its own commands and names are not asked for."""
+    text = "Run it:\n\n```\npython3 talk.py\n```\n\ntalk.py publishes sinusoidal commands for the arm.\n"
+    finding = static("readme", README, submission({"README.md": text}))
+    assert finding.hint == "Add a few words about hear.py."
+
+
+def test_a_discussion_is_asked_for_the_missing_concepts_alone() -> None:
+    """The rubric's hint asks for all of them."""
+    text = "# QoS\n\nReliable delivery costs a delay on bad links, because lost messages are sent again there.\n"
+    wanted = {**CONCEPTS, "least_concepts": 1}
+    finding = static("concepts_explained", wanted, submission({"README.md": text}))
+    assert finding.measured == "reliability, latency discussed"
+    assert finding.hint == "Add one sentence in the README about one of these each: queue."
+
+
+def test_concepts_are_found_at_their_lines() -> None:
+    """A docstring of many lines is no place by its first one; the passage with the most concepts comes first."""
+    source = (
+        '"""QoS: it is reliable.\n\nSome other words stand here, about this and that.\n\n'
+        'The delay of a message grows with the depth, because reliable links send again.\n"""\n'
+    )
+    finding = static("concepts_explained", {**CONCEPTS, "artifacts": ["it"]}, of(source))
+    lines = {place.line for place in finding.where}
+    assert lines == {1, 5}
+
+
+def test_units_are_counted_by_their_kind() -> None:
+    """Files are half, classes and functions the other half, so their numbers stand apart."""
+    finding = static(
+        "code_explained", CODE, of('"""Publish commands to the arm."""\nrate_hz = 100\n')
+    )
+    assert (
+        finding.measured == "files: 1 of 1; classes and functions: 0 of 0; with these weights 100%"
+    )
 
 
 def test_the_places_without_a_text_are_named() -> None:

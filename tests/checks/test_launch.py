@@ -618,6 +618,34 @@ def test_a_parameter_reaches_the_node_and_follows_its_argument(
     assert words in finding.reason
 
 
+@pytest.mark.parametrize(
+    ("read", "ended", "words"),
+    [
+        (
+            {"values": {}, "declared": []},
+            False,
+            "the node does not declare it, so it has no effect",
+        ),
+        (None, True, "the node had ended"),
+        (None, False, "not read from the node"),
+    ],
+)
+def test_an_unread_value_is_of_the_launch_file(
+    tmp_path: Path, read: dict[str, Any] | None, ended: bool, words: str
+) -> None:
+    """The measured text gives the reason."""
+    session = Session(tmp_path)
+    for label, value in (("plan", 100.0), ("other", 50.0)):
+        given = [{"name": "rate", "value": value}]
+        planned(session, label, processes=[entry("talk", "talker", parameters=given)])
+    if read is not None:
+        session.step("get_parameters", "read", **read)
+    if ended:
+        session.process("talk-1", artifact=None, interrupted_ns=None, exit_status=1)
+    finding = judged("launch_parameters", PARAMETERS, session)
+    assert finding.measured == f"talker.rate = 100.0 by the launch file ({words})"
+
+
 @pytest.mark.parametrize(("default", "credit"), [("50.0", "1"), ("70.0", "0")])
 def test_a_wrong_default_is_charged_with_the_arguments(
     tmp_path: Path, default: str, credit: str
@@ -801,7 +829,7 @@ def test_what_a_node_would_do_that_is_not_up_is_left_out(tmp_path: Path) -> None
         "launch_together", with_nodes, answering, others={"alone": alone(tmp_path / "a")}
     )
     assert finding.outcome is Outcome.PASSED
-    assert finding.measured == "the service answers"
+    assert finding.measured.startswith("the service answers; not judged without its node: ")
     silent = together(tmp_path / "b", answers=False).node("/server")
     assert (
         judged(
@@ -828,7 +856,7 @@ def test_a_node_that_died_is_not_charged_for_its_silence(tmp_path: Path) -> None
         "launch_together", {**TOGETHER, **with_nodes}, session, others={"alone": alone(tmp_path)}
     )
     assert finding.outcome is Outcome.PASSED
-    assert finding.measured == "the service answers"
+    assert finding.measured.startswith("the service answers; not judged without its node: ")
 
 
 @pytest.mark.parametrize(("publish_rate", "credit"), [(40.0, 1.0), (100.0, 0.833), (None, 0.833)])

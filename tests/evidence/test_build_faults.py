@@ -143,12 +143,19 @@ def test_an_ignored_package_is_not_found() -> None:
 )
 def test_executables_elsewhere_are_not_found(installed: list[str], words: str) -> None:
     """`ros2 run` searches lib/PACKAGE alone; setup.cfg names the folder."""
-    fault = placement_fault(LAB, BuildFact("lab", "ws/lab", "built", installed=installed))
+    build = BuildFact("lab", "ws/lab", "built", installed=installed)
+    fault = placement_fault(LAB, build, {"ws/lab/setup.cfg": "[develop]"})
     assert bool(fault) == bool(words)
     if fault is not None:
         assert words in fault.message
         assert fault.file == "ws/lab/setup.cfg"
         assert "install_scripts=$base/lib/lab" in fault.remedy
+        without = placement_fault(LAB, build, {})
+        assert without is not None
+        assert (without.file, "there is no setup.cfg" in without.message) == (
+            "ws/lab/setup.py",
+            True,
+        )
 
 
 @pytest.mark.parametrize(

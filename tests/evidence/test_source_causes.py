@@ -5,7 +5,12 @@ from __future__ import annotations
 import pytest
 
 from grader.evidence.crash.causes import Diagnosis
-from grader.evidence.source_causes import corrected, late_lambda, silent_cause
+from grader.evidence.source_causes import (
+    appended_again,
+    corrected,
+    late_lambda,
+    silent_cause,
+)
 
 HEAD = "import os, time\nimport rclpy\n"
 
@@ -150,3 +155,35 @@ def test_a_lambda_that_sees_the_last_value_of_a_loop_is_found(
     """A default keeps the value of each turn."""
     text = f"for name in names:\n    self.create_subscription(T, name, {argument}, 10)\n"
     assert late_lambda(text) == found
+
+
+@pytest.mark.parametrize(
+    ("statements", "is_found"),
+    [
+        ("np.subtract(a, b, out=self.error); self.errors.append(self.error)", True),
+        ("self.error -= self.state; self.errors.append(self.error)", True),
+        ("self.error = a - b; self.errors.append(self.error)", False),
+        ("self.errors.append(self.error.copy())", False),
+        ("self.errors.append(error)", False),
+        ("self.errors.append(", False),
+    ],
+)
+def test_an_attribute_that_is_appended_again_and_again_is_found(
+    statements: str, is_found: bool
+) -> None:
+    """All entries are one object if no assignment makes the attribute anew."""
+    text = f"class Node:\n    def __init__(self):\n        self.error = zeros(7)\n\n    def f(self):\n        {statements}\n"
+    found = (6, "self.errors.append(self.error.copy())") if is_found else None
+    assert appended_again(text) == found
+
+
+@pytest.mark.parametrize(
+    ("formatted", "line"), [("{rms:.4f}", 1), ("{np.mean(x):.4f}", 2), ("{rms}", 2), ("{y:.4f}", 2)]
+)
+def test_the_line_of_a_formatted_array_is_named(formatted: str, line: int) -> None:
+    """The traceback names the line with the format, and the name is assigned elsewhere."""
+    text = f"rms = np.sqrt(np.mean([e], axis=0))\nprint(f'RMS: {formatted}')\n"
+    found = Diagnosis("format-of-several", "Several.", "Format each.", "it.py", 2)
+    named = corrected(found, {"it.py": text})
+    assert named.line == line
+    assert named.problem.startswith("rms of line 1 holds several numbers") == (line == 1)

@@ -80,7 +80,7 @@ def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) 
 
 
 def test_a_check_of_a_repaired_file_says_what_the_repair_costs(rubric: Rubric) -> None:
-    """What was measured is what was expected, so that the reason alone explains the loss."""
+    """Measured and expected values agree, so the reason alone explains the loss."""
     result = judge(open_recordings(KEPT / "launch_wrong_executable", rubric), rubric)
     found = next(check for check in result.checks if check.id == "launch.arguments")
     title = "The launch file loads as handed in"

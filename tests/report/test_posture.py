@@ -97,9 +97,22 @@ def test_the_page_gets_each_posture_at_its_time(figure: Figure) -> None:
     assert ghosts[0] == rows[10][1:]
 
 
+def test_the_jump_to_the_first_command_is_no_distance(tmp_path: Path) -> None:
+    """A resting robot is far from its first command, through no fault of the commands."""
+    wanted = swinging(50, first=10)
+    wanted[0][2][6] += 1.5
+    wanted[30][2][6] += 0.5
+    motions = {"/is": swinging(50), "/wanted": wanted}
+    figure = shown("posture", recorded(tmp_path, motions), **TOPICS)
+    assert motion_of(figure).still == 40
+    assert "at 2.60 s: 500 mm" in figure.caption
+
+
 def test_the_still_is_where_the_tip_is_farthest_from_its_command(figure: Figure) -> None:
     """The picture without a script has links, joints and ghost of that moment, and the caption says how far it is."""
-    assert figure.caption == "At 2.60 s the tip is farthest from its commanded position: 500 mm."
+    assert figure.caption == (
+        "From 1 s after the first command on, the tip is farthest from its commanded position at 2.60 s: 500 mm."
+    )
     motion = motion_of(figure)
     assert motion.still == 40
     links, places = marks(figure, "link"), projected(motion.solid[40])

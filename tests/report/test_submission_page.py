@@ -235,7 +235,7 @@ def test_a_bad_link_stands_beside_the_students_own_words() -> None:
     )
     assert "68.8 % half in 11 ms 95 % in 11.9 ms late joiners: 3 of 4" in text
     assert "Your program printed, on this computer: fast: 1001 msgs" in text
-    assert "What you wrote, README.md, line 3: “It is fresh.”" in text
+    assert "From what you wrote, README.md, line 3: “It is fresh.”" in text
 
 
 def test_the_ros_that_it_was_graded_on_is_named() -> None:

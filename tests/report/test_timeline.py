@@ -176,7 +176,7 @@ def test_steps_say_what_came_of_them(tmp_path: Path) -> None:
 
 
 def test_steps_are_named_in_words(tmp_path: Path) -> None:
-    """Labels are keys of a rubric, and `*` stands for all programs; a window without a message says so."""
+    """Labels are keys of a rubric, `*` means all programs, and a window without a message is named."""
     session = Session(tmp_path)
     window = {"duration_s": 9.5, "first_message_on": "/cmd"}
     session.step("observe", "while_off", "timeout", parameters=window, topic="/cmd")

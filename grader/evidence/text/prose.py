@@ -10,7 +10,7 @@ import ast
 import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 from grader.evidence.text.markup import Block, Section, code_spans, own_text, plain_text
@@ -67,14 +67,13 @@ class Passage:
 class Discussion:
     """Concepts that are discussed, and passages that weigh them against each other."""
 
-    #: Concepts in the order of the lexicon, each with the first passage that discusses it.
+    #: Concepts in the order of the lexicon, each with its passage, at the first line that names it: of the passages that
+    #: discuss it, the first with the most concepts.
     discussed: Mapping[str, Passage]
     #: Passages that relate two or more concepts, with a word of reason or comparison, or at length.
     related: tuple[Passage, ...]
     #: Passages with words strung together without sentences, see `lacks_sentences`.
     strung: tuple[Passage, ...]
-    #: Distinct own words of all passages that discuss, without the concepts' names.
-    words: int
     #: Passages on the subject that may discuss it: short ones, and ones in words unknown here.
     unclear: tuple[Passage, ...] = ()
 
@@ -381,7 +380,8 @@ class _DiscussionReader:
         self._related: list[Passage] = []
         self._strung: list[Passage] = []
         self._unclear: list[Passage] = []
-        self._said: set[str] = set()
+        #: Number of concepts in the passage of each concept.
+        self._concepts_beside: dict[str, int] = {}
 
     def read(self, own: _Own) -> None:
         """Add a passage."""
@@ -390,9 +390,10 @@ class _DiscussionReader:
             if own.may_discuss(len(named)):
                 self._unclear.append(own.passage)
             return
-        self._said.update(own.words)
         for name in named:
-            self._discussed.setdefault(name, own.passage)
+            if len(named) > self._concepts_beside.get(name, 0):
+                self._concepts_beside[name] = len(named)
+                self._discussed[name] = _at_first(own.passage, self._terms[name])
         is_long = measure(own.words) >= 2 * self._min_words
         if len(named) > 1 and (is_long or self._reasoning.found(own.text)):
             self._related.append(own.passage)
@@ -408,9 +409,21 @@ class _DiscussionReader:
             in_order,
             tuple(self._related),
             tuple(self._strung),
-            measure(self._said),
             tuple(self._unclear),
         )
+
+
+def _at_first(passage: Passage, terms: Terms) -> Passage:
+    """Return a passage with the line that names one of some terms first, where its text has the file's lines.
+
+    Items of a list, and rows of a table, stand further apart in the file than in the text of a passage.
+    """
+    if not passage.file.endswith(".py") and "\n\n" in passage.text:
+        return passage
+    for offset, line in enumerate(passage.text.split("\n")):
+        if terms.found(line):
+            return replace(passage, line=passage.line + offset)
+    return passage
 
 
 def _own_texts(passages: Iterable[Passage], every: Terms, given: Collection[str]) -> Iterator[_Own]:

@@ -380,7 +380,7 @@ def _fault(text: str, beside: str, rules: Rules, said: set[str]) -> str:
     if is_placeholder(text, rules.placeholders):
         return "a placeholder"
     if measure(found) < rules.min_words:
-        return f"fewer than {rules.min_words} words"
+        return f"fewer than {rules.min_words} words, without numbers"
     code = beside[:_CODE_START]
     known = set(words(code))
     known.update(words(_HUMP.sub(" ", code)))

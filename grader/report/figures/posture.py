@@ -32,6 +32,8 @@ _GRID_LINES = 9
 _THICKEST, _THINNEST = 13.0, 5.0
 #: Duration of the traces behind the tips, in ms.
 _TRACE_MS = 2000
+#: Longest time for the jump to the first command, in ms.
+_SETTLES_MS = 1000
 
 
 @dataclass(frozen=True)
@@ -75,16 +77,26 @@ class Motion:
 
     @property
     def still(self) -> int:
-        """Index of the still frame: the one with the greatest distance between the tips; without a ghost, the middle one."""
+        """Index of the still frame: the one with the greatest distance once settled; without a ghost, the middle one."""
         if not len(self.ghost):
             return len(self.solid) // 2
-        return self.first_ghost + int(np.argmax(self.tip_distances))
+        return self.first_ghost + int(np.argmax(self.settled_distances))
 
     @property
     def tip_distances(self) -> Floats:
         """Distances between the last points of posture and ghost, in the frames with a ghost."""
         tips = self.solid[self.first_ghost :, -1]
         distances: Floats = np.linalg.norm(tips - self.ghost[:, -1], axis=1)
+        return distances
+
+    @property
+    def settled_distances(self) -> Floats:
+        """Distances between the tips, 0 until the posture has settled after the first command; all in a short motion."""
+        times_ms = self.times_ms[self.first_ghost :]
+        is_settled = times_ms >= times_ms[0] + _SETTLES_MS
+        if not is_settled.any():
+            return self.tip_distances
+        distances: Floats = self.tip_distances * is_settled
         return distances
 
 
@@ -191,12 +203,13 @@ def _caption(motion: Motion, unit_m: float) -> str:
     if not len(motion.ghost):
         return "There is no ghost, because this recording holds no commanded points to draw."
     at_s = motion.times_ms[motion.still] / 1000
-    off_m = float(motion.tip_distances.max()) * unit_m
+    off_m = float(motion.settled_distances.max()) * unit_m
     if off_m >= 1:
         off = f"{short(off_m)} m"
     else:
         off = f"{short(1000 * off_m)} mm"
-    return f"At {at_s:.2f} s the tip is farthest from its commanded position: {off}."
+    farthest = f"the tip is farthest from its commanded position at {at_s:.2f} s: {off}."
+    return f"From {_SETTLES_MS / 1000:g} s after the first command on, {farthest}"
 
 
 def projected(points: Integers | Floats) -> Floats:

@@ -217,7 +217,6 @@ def test_trade_offs_are_understood_in_any_language(text: str) -> None:
     found = discussion(text)
     assert set(found.discussed) == {"reliability", "latency", "use"}
     assert len(found.related) == 1
-    assert found.words >= 8
 
 
 def test_a_language_without_reason_words_is_accepted_at_length() -> None:

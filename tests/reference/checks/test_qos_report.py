@@ -232,7 +232,10 @@ def test_a_count_may_lack_what_a_short_queue_did_not_hold(
     session.process("it", [row(count)]).disturbed(
         "it", *((float(start_s), delay_s) for start_s in range(1, 11))
     )
-    assert judged(REPORTED_TRAFFIC, REPORTED, session).outcome is outcome
+    finding = judged(REPORTED_TRAFFIC, REPORTED, session)
+    assert finding.outcome is outcome
+    is_low = "(a full queue may have lost " in finding.measured
+    assert is_low == (depth == 1)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from grader.recording.session import MachineSample, OutputLine, Usage
 from grader.result import Finding, Outcome
 from ros_bag.qos import Qos
 from ros_bag.reading import Bag
-from tests.synthetic import Session, at, judged
+from tests.synthetic import Session, at, judged, submission
 
 REPORTED_SERIES = "reference/checks/reports.py:reported_series"
 REPORTED_STATISTICS = "reference/checks/reports.py:reported_statistics"
@@ -439,6 +439,31 @@ def test_a_mistake_that_leaves_little_of_use_is_charged_in_each_check(
     assert len(finding.causes) == causes
 
 
+@pytest.mark.parametrize(
+    ("stored", "words"),
+    [
+        ("self.error", "line 3 of it.py appends the same object each time."),
+        ("self.error.copy()", "it holds far less."),
+    ],
+)
+def test_the_line_of_one_stored_object_is_named(tmp_path: Path, stored: str, words: str) -> None:
+    """Without such a line, the words of the rubric stand there."""
+    source = f"class Node:\n    def on_state(self, m):\n        self.errors.append({stored})\n"
+    mean = float(np.abs(history(None)).mean())
+    session = with_reports(*stimulus(tmp_path))
+    session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
+    alternative = {
+        "parameters": {"history": None},
+        "meaning": "the last state alone",
+        "stores_one_object": "it holds far less",
+    }
+    wanted = {**STATISTICS, "alternatives": [alternative]}
+    finding = judged(REPORTED_STATISTICS, wanted, session, submission({"it.py": source}))
+    assert finding.reason == f"Your numbers match the last state alone: {words}"
+    is_named = "self.errors.append(self.error.copy())" in finding.hint
+    assert is_named == (stored == "self.error")
+
+
 @pytest.mark.parametrize(("number", "credit"), [("0.06", 1), ("0.07", 0), ("0.060", 0)])
 def test_two_decimals_are_enough(tmp_path: Path, number: str, credit: int) -> None:
     """Numbers printed with two decimals are compared to two decimals, others to all of theirs."""
@@ -536,7 +561,7 @@ def test_statistics_over_what_a_node_received_pass(tmp_path: Path) -> None:
     finding = judged(REPORTED_STATISTICS, STATISTICS, session)
     assert finding.outcome is Outcome.PASSED
     assert finding.expected.startswith(f"{finding.measured} from the ")
-    assert "reported messages" in finding.notes[0]
+    assert "right for the 125 of 160 messages that the node reported" in finding.notes[0]
 
 
 def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
@@ -551,7 +576,7 @@ def test_a_loss_makes_no_right_history_too_long(tmp_path: Path) -> None:
     finding = judged(REPORTED_STATISTICS, STATISTICS, session)
     assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
     assert "from the 120 messages that the node reported" in finding.expected
-    assert "reported messages" in finding.notes[0]
+    assert "right for the 120 of 160 messages that the node reported" in finding.notes[0]
 
 
 def test_nothing_printed_fails_with_what_to_do(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from grader.result import Finding, Outcome
-from tests.synthetic import Session, at, judged
+from tests.synthetic import Session, at, judged, submission
 
 CALL_GATED = "reference/checks/service.py:call_gated"
 CALLS_IN_TIME = "reference/checks/service.py:calls_in_time"
@@ -111,10 +111,13 @@ def test_a_parameter_of_another_type_forbids_nothing(
     for label, success in (("refuse", False), ("recover", True)):
         called(session, label, call(answer(success)))
     called(session, "from_start", call(None if from_start is None else answer(from_start)))
-    finding = judged(CALL_GATED, {**GATED, "read_step": "read"}, session)
+    source = "import rclpy\nself.declare_parameter('safety', 'true')\n"
+    record = submission({"it.py": source})
+    finding = judged(CALL_GATED, {**GATED, "read_step": "read"}, session.process(), record)
     assert finding.credit == Decimal(credit)
     if credit == "0":
-        assert "safety is declared as a string, so rclpy refuses the bool false" in finding.reason
+        assert "declared as a string, so the bool false cannot be set" in finding.reason
+        assert (finding.where[0].file, finding.where[0].line) == ("it.py", 2)
         assert finding.causes == ("parameter safety of /robot",)
 
 
