@@ -73,7 +73,9 @@ class InterfacePackage:
         while texts:
             found = texts.pop()
             for file, definition in self.files.items():
-                if file not in named and _is_word(PurePosixPath(file).stem, found):
+                if file in named:
+                    continue
+                if _is_word(PurePosixPath(file).stem, found):
                     named[file] = definition
                     texts.append(definition)
         if not named:

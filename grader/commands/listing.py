@@ -152,7 +152,7 @@ def run_listing(command: str, arguments: Sequence[str], console: Console) -> int
 
 
 def _print_outlines(names: Sequence[str], own: Mapping[str, Any], console: Console) -> None:
-    """Print those of some names that belong to the interface of a lab's own checks."""
+    """Print the outlines of the names in the interface of own checks."""
     for name in names:
         if name in own:
             console.print(f"{outline_of(own[name])}\n", soft_wrap=True, markup=False)
