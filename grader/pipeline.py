@@ -37,6 +37,7 @@ from grader.live.sandbox.environment import (
     versions,
 )
 from grader.live.sandbox.probing import require
+from grader.live.session.built import note_installed
 from grader.live.session.program import StudentProgram
 from grader.live.session.runner import Progress, SessionRunner, given_in_steps
 from grader.live.session.scheduler import LocalScheduler, Scheduler
@@ -392,6 +393,7 @@ class Grading:
         with self._work("building packages", scheduler):
             builds = build_packages(self.folder, submission, isolation, time_s, prefixes)
         submission.builds = builds
+        note_installed(submission, prefixes)
 
     def _begin_recordings(self) -> None:
         """Remove an earlier recording, and begin with the submission and the rubric."""

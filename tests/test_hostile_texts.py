@@ -18,7 +18,7 @@ from grader.lab.rubric import Rubric
 from grader.live.session.stage import stage
 from grader.recording.submission import FileFact, SubmissionRecord
 from grader.result import Outcome
-from grader.submission.packages.cmake_script import Installed, installs_of
+from grader.submission.packages.cmake_script import programs_of
 from grader.submission.packages.colcon import find_packages
 from tests.hostile_texts import TEXTS
 from tests.thorough import part
@@ -117,12 +117,12 @@ def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> No
 
 def test_commands_that_are_not_closed_are_looked_at_once() -> None:
     """Text that is no command does not hide the real commands."""
-    text = "install(" * 10_000 + "install(DIRECTORY d0 DESTINATION share/p)\n"
-    found = Installed(False, {"share/p/d0/a": "d0/a"})
-    assert list(installs_of(text, "p", ["d0/a"])) == [found]
-    many = list(installs_of("install(DIRECTORY d0 DESTINATION share/p)\n" * 1000, "p", ["d0/a"]))
+    command = "install(DIRECTORY d0 DESTINATION lib/p)\n"
+    found = {"lib/p/d0/a": "d0/a"}
+    assert list(programs_of("install(" * 10_000 + command, "p", ["d0/a"])) == [found]
+    many = list(programs_of(command * 1000, "p", ["d0/a"]))
     assert many[:10] == [found] * 10
-    assert many[-1] == Installed(False, None)
+    assert many[-1] is None
 
 
 def test_packages_within_each_other_are_installed_soon(rubric: Rubric, tmp_path: Path) -> None:

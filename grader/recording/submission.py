@@ -117,7 +117,7 @@ class PackageFact:
     build_type: str
     #: Executable name -> "module:function" or a file's path.
     executables: dict[str, str] = field(default_factory=dict)
-    #: Files installed below `share/`: path below the prefix -> file's path; None if they are not known.
+    #: Files that its build installs below `share/`: path below the prefix -> file's path; None if they are not known.
     shared: dict[str, str] | None = None
     #: Mistakes that make `colcon build` fail, or leave a file out.
     problems: list[str] = field(default_factory=list)

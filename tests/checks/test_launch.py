@@ -413,7 +413,10 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
     [
         (None, "listen was not started."),
         ({"exited_ns": None}, "ran, but no such node appeared"),
-        ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3: 'oh'."),
+        (
+            {"interrupted_ns": None, "ended_by": "itself", "exit_status": 3},
+            "ended with status 3: 'oh'.",
+        ),
     ],
 )
 def test_why_a_node_is_down_is_reported(
@@ -537,6 +540,13 @@ def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
     finding = nodes(session)
     assert finding.credit == Decimal("0.5")
     assert "InvalidParameterType" in finding.reason
+
+
+def test_a_node_that_the_session_ends_is_not_down(tmp_path: Path) -> None:
+    """At the end of steps without an interrupt the grader kills what runs, at no cost."""
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("listen-1", interrupted_ns=None, exit_status=-9, ended_by="kill")
+    assert nodes(session).credit == Decimal(1)
 
 
 def test_a_node_that_does_not_run_costs_what_the_rubric_says(tmp_path: Path) -> None:

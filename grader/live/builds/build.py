@@ -192,6 +192,17 @@ def _copy_prefix(workspace: Path, package: str, prefixes: Path) -> None:
             copy_tree(installed, prefixes / package)
         finally:
             os.close(installed)
+        _settle_links(prefixes / package)
+
+
+def _settle_links(prefix: Path) -> None:
+    """Make links to files of the same folder, as of the versions of a library, names of these files; remove others."""
+    links = [path for path in prefix.rglob("*") if path.is_symlink()]
+    for link in links:
+        file = Path(os.path.realpath(link))
+        link.unlink()
+        if file.parent == link.parent.resolve() and file.is_file():
+            link.hardlink_to(file)
 
 
 def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
@@ -333,9 +344,7 @@ def _archive(cached: Path) -> Path:
 
 
 def _plain_member(member: tarfile.TarInfo) -> tarfile.TarInfo | None:
-    """Return a file or folder for an archive; a link that a build made is left out."""
-    if member.isdir():
-        return member
-    if member.isreg():
+    """Return a file, one more name of it, or a folder for an archive."""
+    if member.isdir() or member.isreg() or member.islnk():
         return member
     return None

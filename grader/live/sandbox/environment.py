@@ -109,21 +109,26 @@ def student_environment(
     If `interpreter` belongs to a virtual environment with the ROS wheels, these are set up.
     """
     prefix = interpreter.parent.parent
+    installed = f"{workspace}/install"
+    own = ros_environment(prefix)
     environment = (
-        ros_environment(prefix)
+        own
         | {
+            # Behind ROS and the system, so that a package replaces none of their files.
+            "PATH": f"{own['PATH']}:{installed}/bin",
+            "LD_LIBRARY_PATH": f"{own['LD_LIBRARY_PATH']}:{installed}/lib",
             "HOME": home,
             "TMPDIR": "/tmp",
             "ROS_LOG_DIR": f"{home}/log",
             "ROS_DOMAIN_ID": str(domain_id),
             "ROS_DISTRO": "jazzy",
             "ROS_VERSION": "2",
-            "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
+            "AMENT_PREFIX_PATH": f"{installed}:{prefix}",
             "PYTHONDONTWRITEBYTECODE": "1",
             "PYTHONNOUSERSITE": "1",  # files that an earlier program left at home must not run before the tap
             "PYTHONPATH": inside,
             # Behind the tap: a package of the submission can have the name of one of Python's modules.
-            "GRADER_INSTALLED": f"{workspace}/install/lib/{python_folder()}/site-packages",
+            "GRADER_INSTALLED": f"{installed}/lib/{python_folder()}/site-packages",
             "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
             "RCUTILS_COLORIZED_OUTPUT": "0",
         }

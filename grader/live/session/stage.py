@@ -18,7 +18,7 @@ from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
 
 from grader.lab.rubric import Rubric
-from grader.live.session.built import BuiltPackage, InstalledFile
+from grader.live.session.built import BuiltPackage, InstalledFile, built_package
 from grader.live.session.entry import function_to_call
 from grader.live.session.program import StudentProgram
 from grader.recording.submission import PackageFact, SubmissionRecord
@@ -119,7 +119,9 @@ class _Installation:
         for package in packages:
             self._register(package.name)  # before any package installs something in another's place
         for package in packages:
-            built = self._built(package)
+            built = None
+            if self.prefixes is not None:
+                built = built_package(self.record, package, self.prefixes)
             if built is not None:
                 self._install_built(built)
             self._install_wrappers(package)
@@ -208,23 +210,6 @@ class _Installation:
 
     # -- built packages -----------------------------------------------------------------------
 
-    def _built(self, package: PackageFact) -> BuiltPackage | None:
-        """Return a package as colcon installed it; None if it was not built."""
-        build = self.record.build_of(package)
-        if self.prefixes is None or build is None:
-            return None
-        if build.outcome != "built":
-            return None
-        prefix = self.prefixes / package.name
-        if not prefix.is_dir():
-            return None
-        above = PurePosixPath(package.path)
-        sources = []
-        for file in self.record.files:
-            if PurePosixPath(file.path).is_relative_to(above):
-                sources.append(file)
-        return BuiltPackage(package.name, prefix, sources)
-
     def _install_built(self, built: BuiltPackage) -> None:
         """Install the files of a built package, and note its programs by the files that they run."""
         linked = {}
@@ -268,11 +253,11 @@ class _Installation:
                 _write(program, text)
 
     def _install_data(self, package: PackageFact) -> None:
-        all_data = self._all_data(package.name, PurePosixPath(package.path))
-        self._share(all_data if package.shared is None else package.shared.items())
+        """Install the data files of a package that was not built."""
+        self._share(self._all_data(package.name, PurePosixPath(package.path)))
 
     def _all_data(self, package: str, root: PurePosixPath) -> list[tuple[str, str]]:
-        """Return all data files of a package that does not tell of them, where they lie and where they usually do."""
+        """Return all data files of a package, where they lie and where they usually are installed."""
         shared = []
         for path in (PurePosixPath(file.path) for file in self.record.files):
             if path.is_relative_to(root) and _is_shared(inside := path.relative_to(root)):

@@ -1,4 +1,4 @@
-"""Files that a `CMakeLists.txt` installs, by parsing alone.
+"""Programs that a `CMakeLists.txt` installs or compiles, by parsing alone.
 
 Variables of `set` are substituted. A word that still has a `$` depends on CMake itself, as values of loops and patterns
 do; callers must not count such a word against a student.
@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 _COMMAND = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]{0,10000})\)")
 _WORD = re.compile(r'"([^"]*)"|(\S+)')
@@ -27,15 +26,6 @@ _CHANGING = {"list": 1, "file": 1, "foreach": 0}
 _KINDS = ("DIRECTORY", "FILES", "PROGRAMS")
 #: Words that select files of a folder.
 _SELECTING = frozenset({"PATTERN", "REGEX", "FILES_MATCHING"})
-
-
-class Installed(NamedTuple):
-    """Files that one command installs."""
-
-    #: True if the files go to the folder that `ros2 run` searches.
-    is_programs: bool
-    #: Path below the prefix, and path below the package, which may be missing; None if the command is not recognised.
-    files: dict[str, str] | None
 
 
 @dataclass(frozen=True)
@@ -60,10 +50,10 @@ class _Command:
         return any("$" in word for word in (*self.names, self.folder))
 
 
-def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Installed]:
-    """Yield the files that each command of a `CMakeLists.txt` installs.
+def programs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[dict[str, str] | None]:
+    """Yield the files that each command installs in the folder that `ros2 run` searches.
 
-    The commands are `install` and `ament_auto_package(INSTALL_TO_SHARE ...)`.
+    Yields path below the prefix, and path below the package, which may be missing; None if only CMake can tell.
 
     Parameters
     ----------
@@ -76,15 +66,13 @@ def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Insta
     """
     named = 0
     for name, words in commands_of(text, package):
-        command = _installing(name, words, package)
+        command = _installing(name, words)
         if command is None:
             continue
-        is_programs = command.kind == "PROGRAMS" or command.folder.strip("/") == f"lib/{package}"
         named += len(command.names)
-        files = None
-        if named <= _MOST_WORDS and not command.is_unknown:
-            files = _files_of(command, paths)
-        yield Installed(is_programs, files)
+        if command.kind == "PROGRAMS" or command.folder.strip("/") == f"lib/{package}":
+            is_known = named <= _MOST_WORDS and not command.is_unknown
+            yield _files_of(command, paths) if is_known else None
 
 
 #: Commands that compile an executable; its name is the first word.
@@ -122,11 +110,8 @@ def _first_source(words: Sequence[str]) -> str:
     return ""
 
 
-def _installing(name: str, words: list[str], package: str) -> _Command | None:
+def _installing(name: str, words: list[str]) -> _Command | None:
     """Return a command that installs; None for another one."""
-    if name == "ament_auto_package" and "INSTALL_TO_SHARE" in words:
-        names = words[words.index("INSTALL_TO_SHARE") + 1 :]
-        return _Command("DIRECTORY", names, f"share/{package}", words)
     if name != "install" or not words or words[0] not in _KINDS:
         return None
     if "DESTINATION" not in words[:-1]:

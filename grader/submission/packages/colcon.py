@@ -1,30 +1,23 @@
-"""ROS packages in a submission: files that `colcon build` would install, by parsing alone.
+"""ROS packages in a submission: executables that their build files declare, by parsing alone.
 
-`setup.py` is read as a syntax tree, and never executed.
+A build tells more; these facts choose the artifacts before it, and stand for it on machines that cannot build.
 """
 
 from __future__ import annotations
 
 import configparser
 import re
-from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
 from grader.recording.submission import PackageFact
-from grader.submission.packages.cmake_script import commands_of, installs_of
+from grader.submission.packages.cmake_script import commands_of, programs_of
 from grader.submission.packages.interfaces import interface_problems
-from grader.submission.packages.setup_script import (
-    NotRecognisedError,
-    data_files_of_setup,
-    keyword_of_setup,
-)
+from grader.submission.packages.setup_script import NotRecognisedError, keyword_of_setup
 
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100
 _MOST_PROBLEMS = 20
-#: Missing files of one build file that are named.
-_MOST_GONE = 3
 _LONGEST_LINE = 500
 
 
@@ -49,11 +42,17 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
             _read_setup(package, texts, inside)
         else:
             _read_cmake(package, texts, inside)
-        more = len(package.problems) - _MOST_PROBLEMS
-        if more > 0:
-            package.problems[_MOST_PROBLEMS:] = [f"and {more} more of the kind"]
+        package.problems = bounded(package.problems)
         packages.append(package)
     return packages
+
+
+def bounded(problems: list[str]) -> list[str]:
+    """Return the first of a package's problems, and the number of further ones."""
+    more = len(problems) - _MOST_PROBLEMS
+    if more <= 0:
+        return problems
+    return [*problems[:_MOST_PROBLEMS], f"and {more} more of the kind"]
 
 
 def _read_manifest(folder: str, text: str) -> PackageFact:
@@ -86,21 +85,9 @@ def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) 
     if setup_text is None and config_text is None:
         package.problems.append("there is no setup.py beside package.xml, so nothing is installed")
         return
-    _add_declared(package, setup_text, config_text, inside)
-    if setup_text is None or "options.data_files" in (config_text or ""):
-        return
-    if not any("cannot be read" in problem for problem in package.problems):
-        installed = data_files_of_setup(setup_text, inside)
-        _note_shared(package, "setup.py", installed, inside)
-
-
-def _add_declared(
-    package: PackageFact, setup_text: str | None, config_text: str | None, inside: list[str]
-) -> None:
-    """Add the executables that a setup.py and a setup.cfg declare."""
     scripts: list[str] = []
     if setup_text is not None:
-        declared = _console_scripts(setup_text, package, inside)
+        declared = _console_scripts(setup_text, package)
         if declared is None:
             _take_all(package, "setup.py declares its entry points", inside)
         scripts += declared or []
@@ -128,52 +115,15 @@ def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
             )
 
 
-def _note_shared(
-    package: PackageFact, name: str, installed: dict[str, str] | None, inside: list[str]
-) -> None:
-    """Note the files that a build file installs below the prefix, and the launch files that it does not install."""
-    if installed is None:
-        package.problems.append(
-            f"{name} installs files in a way that the grader does not follow; it takes every launch and data file for "
-            "installed"
-        )
-        return
-    there = set(inside)
-    gone = []
-    package.shared = {}
-    for target, file in installed.items():
-        if file in there:
-            package.shared[target] = _inside(package.path, file)
-        elif "resource/" not in file:
-            gone.append(file)
-    for file in sorted(gone)[:_MOST_GONE]:
-        package.problems.append(f"{name} installs {file}, which is not there")
-    for file in inside:
-        if is_launch_file(file) and file not in installed.values():
-            command = f"ros2 launch {package.name} {PurePosixPath(file).name}"
-            package.problems.append(
-                f"{name} does not install {file}, so `{command}` does not find it; "
-                f"add {_installing_line(package, file)}"
-            )
-
-
-def _installing_line(package: PackageFact, file: str) -> str:
-    """Return the line of a build file that installs a launch file."""
-    folder = str(PurePosixPath(file).parent).removeprefix(".")
-    if package.build_type != "ament_python":
-        return f"install(DIRECTORY {folder or '.'} DESTINATION share/${{PROJECT_NAME}})"
-    return f"('share/{package.name}/{folder or 'launch'}', ['{file}']) to data_files"
-
-
 def is_launch_file(path: str) -> bool:
     """Return whether `ros2 launch` completes a file's name."""
     return re.search(r"[._-]launch\.(py|xml|ya?ml)$", path) is not None
 
 
-def _console_scripts(text: str, package: PackageFact, inside: list[str]) -> list[str] | None:
+def _console_scripts(text: str, package: PackageFact) -> list[str] | None:
     """Return the console scripts that a setup.py declares; None if they are not recognised."""
     try:
-        return _scripts_of(keyword_of_setup(text, "entry_points", inside))
+        return _scripts_of(keyword_of_setup(text, "entry_points"))
     except NotRecognisedError:
         return None
     except (SyntaxError, ValueError, RecursionError, MemoryError) as problem:
@@ -223,38 +173,19 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) 
     if _installs_scripts(text, package):
         config = texts.get(_inside(package.path, "setup.cfg"), "")
         _add_scripts(package, _scripts_of_config(config))
-    programs = _Files()
-    shared = _Files()
-    for is_programs, files in installs_of(text, package.name, inside):
-        if is_programs:
-            programs.add(files)
-        else:
-            shared.add(files)
-    if not programs.complete:
-        _take_all(package, "CMakeLists.txt installs programs", inside)
-    for target, file in programs.known:
-        if file in inside:
-            package.executables[PurePosixPath(target).name] = _inside(package.path, file)
-        else:
-            package.problems.append(f"CMakeLists.txt installs {file}, which is not there")
-    package.problems += interface_problems(package, texts)
-    installed = dict(shared.known) if shared.complete else None
-    _note_shared(package, "CMakeLists.txt", installed, inside)
-
-
-@dataclass
-class _Files:
-    """Files of several commands: path below the prefix, and path below the package."""
-
-    known: list[tuple[str, str]] = field(default_factory=list)
-    #: False if a command is not recognised.
-    complete: bool = True
-
-    def add(self, files: dict[str, str] | None) -> None:
+    is_known = True
+    for files in programs_of(text, package.name, inside):
         if files is None:
-            self.complete = False
-        else:
-            self.known += files.items()
+            is_known = False
+            continue
+        for target, file in files.items():
+            if file in inside:
+                package.executables[PurePosixPath(target).name] = _inside(package.path, file)
+            else:
+                package.problems.append(f"CMakeLists.txt installs {file}, which is not there")
+    if not is_known:
+        _take_all(package, "CMakeLists.txt installs programs", inside)
+    package.problems += interface_problems(package, texts)
 
 
 def _installs_scripts(text: str, package: PackageFact) -> bool:

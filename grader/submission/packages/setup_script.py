@@ -1,23 +1,18 @@
-"""Arguments of `setup()` in a `setup.py`, by parsing alone: a student's script is never executed.
+"""Arguments of `setup()` in a `setup.py`, by parsing alone: the grader executes it in the sandbox of a build only.
 
-Literals, names with literal values, and the usual calls for installing files are evaluated. Other expressions are not
-recognised; callers must not count them against a student.
+Literals, sums of them and names with literal values are evaluated. Other expressions are not recognised; callers must
+not count them against a student.
 """
 
 from __future__ import annotations
 
 import ast
-import fnmatch
-import posixpath
 from collections import Counter
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
 from grader.submission.python_source import parse_python
 
-#: Patterns in one file.
-_MOST_PATTERNS = 100
 #: Characters of a text: more than of any path.
 _LONGEST_TEXT = 4096
 
@@ -26,7 +21,7 @@ class NotRecognisedError(Exception):
     """Raised for an expression with a value that only execution can tell."""
 
 
-def keyword_of_setup(text: str, name: str, paths: Sequence[str]) -> Any:
+def keyword_of_setup(text: str, name: str) -> Any:
     """Return the value of a keyword of the only call of `setup`, None if it is not given; tuples become lists.
 
     Parameters
@@ -35,8 +30,6 @@ def keyword_of_setup(text: str, name: str, paths: Sequence[str]) -> Any:
         The script.
     name
         The keyword.
-    paths
-        The package's files, relative to its folder.
 
     Raises
     ------
@@ -54,42 +47,17 @@ def keyword_of_setup(text: str, name: str, paths: Sequence[str]) -> Any:
         raise NotRecognisedError
     given = {keyword.arg: keyword.value for keyword in setups[0].keywords}
     if name in given:
-        return _Script(tree, paths).value(given[name])
+        return _Script(tree).value(given[name])
     if None in given:
         raise NotRecognisedError
     return None
 
 
-def data_files_of_setup(text: str, paths: Sequence[str]) -> dict[str, str] | None:
-    """Return the files that `data_files` installs: path below the prefix, and path below the package.
-
-    Returns None if it is not recognised.
-    """
-    installed: dict[str, str] = {}
-    try:
-        for folder, files in keyword_of_setup(text, "data_files", paths) or []:
-            if not isinstance(folder, str) or not isinstance(files, list):
-                return None
-            for file in files:
-                target = posixpath.join(folder, posixpath.basename(file))
-                installed[posixpath.normpath(target)] = posixpath.normpath(file)
-    except (NotRecognisedError, SyntaxError, ValueError, TypeError, RecursionError, MemoryError):
-        return None
-    return installed
-
-
 class _Script:
     """Values of expressions, with the names that have one value in the whole file."""
 
-    def __init__(self, tree: ast.Module, paths: Sequence[str]) -> None:
-        self._paths = paths
-        self._patterns = 0
+    def __init__(self, tree: ast.Module) -> None:
         self._names: dict[str, Any] = {}
-        self._calls: dict[str, Callable[..., Any]] = {
-            "join": posixpath.join,
-            "sorted": sorted,
-            "glob": self._globbed,
-        }
         #: Numbers of assignments to each name, and of its occurrences.
         self._bound: Counter[str] = Counter()
         self._used: Counter[str] = Counter()
@@ -149,34 +117,11 @@ class _Script:
                 value = "".join(str(self.value(part)) for part in parts)
             case ast.FormattedValue(value=inner, conversion=-1, format_spec=None):
                 value = self.value(inner)
-            case ast.Call(args=arguments, keywords=[]) if _called(node) in self._calls:
-                call = self._calls[_called(node)]
-                value = call(*map(self.value, arguments))
             case _:
                 raise NotRecognisedError
         return value
-
-    def _globbed(self, pattern: str) -> list[str]:
-        """Return the files that match a pattern; each part of a path is matched alone, to bound the time."""
-        wanted = posixpath.normpath(pattern).split("/")
-        self._patterns += 1
-        if "**" in wanted or self._patterns > _MOST_PATTERNS:
-            raise NotRecognisedError
-        found = []
-        for path in self._paths:
-            parts = path.split("/")
-            if len(parts) == len(wanted) and all(map(_fits, parts, wanted)):
-                found.append(path)
-        return found
 
 
 def _called(call: ast.Call) -> str:
     """Return the name of a called function, without its module."""
     return getattr(call.func, "attr", "") or getattr(call.func, "id", "")
-
-
-def _fits(part: str, wanted: str) -> bool:
-    """Return whether a part of a path matches a part of a pattern, as `glob` does."""
-    if part.startswith(".") and not wanted.startswith("."):
-        return False
-    return fnmatch.fnmatchcase(part, wanted)

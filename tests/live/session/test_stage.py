@@ -6,12 +6,14 @@ import hashlib
 import os
 import subprocess
 import sys
+from copy import deepcopy
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
 from grader.judging.rubrics import read_rubric
+from grader.live.session.built import note_installed
 from grader.live.session.program import StudentProgram
 from grader.live.session.stage import stage
 from grader.recording.submission import ArtifactFact, BuildFact, FileFact, SubmissionRecord
@@ -314,18 +316,24 @@ main()
 TALK = "def main():\n    print('from the package', __file__.rpartition('/')[2])\n"
 
 
+def built_record(sources: dict[str, str], installed: list[str]) -> SubmissionRecord:
+    """Return the record of a package that a build installed."""
+    record = SubmissionRecord("ann", texts=dict(sources))
+    for path, text in sources.items():
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        record.files.append(FileFact(path, len(text), digest))
+    record.packages = find_packages(record.texts, list(sources))
+    record.builds = [BuildFact("arm_lab", "", "built", installed=installed)]
+    return record
+
+
 def built_workspace(folder: Path, installed: dict[str, str]) -> Workspace:
     """Stage a package with the files that a build installed."""
     sources = {"package.xml": MANIFEST, "setup.py": SETUP, "arm_lab/talk.py": TALK}
     write(folder / "submission", sources)
     write(folder / "prefixes/arm_lab", installed)
-    record = SubmissionRecord("ann", texts=dict(sources))
-    for path, text in sources.items():
-        digest = hashlib.sha256(text.encode()).hexdigest()
-        record.files.append(FileFact(path, len(text), digest))
+    record = built_record(sources, list(installed))
     record.artifacts = [ArtifactFact("publisher", "talk.py", "arm_lab/talk.py", "name")]
-    record.packages = find_packages(record.texts, list(sources))
-    record.builds = [BuildFact("arm_lab", "", "built", installed=list(installed))]
     wrappers = stage(
         folder / "submission",
         record,
@@ -371,6 +379,36 @@ def test_an_executable_in_another_folder_gets_a_wrapper(tmp_path: Path) -> None:
     installed["bin/talk"] = installed.pop("lib/arm_lab/talk")
     workspace = built_workspace(tmp_path, installed)
     assert run(workspace.folder / "install/lib/arm_lab/talk").startswith("from the package")
+
+
+def test_a_build_tells_what_a_package_installs(tmp_path: Path) -> None:
+    """Executables, data files and launch files that are left out come from the installed files."""
+    launch = "def generate_launch_description():\n    return None\n"
+    sources = {"package.xml": MANIFEST, "setup.py": "setup(entry_points=made())\n"}
+    sources |= {"arm_lab/talk.py": TALK, "launch/a.launch.py": launch, "launch/b.launch.py": ""}
+    installed = {**INSTALLED, "share/arm_lab/launch/a.launch.py": launch}
+    record = built_record(sources, list(installed))
+    assert "does not follow" in record.packages[0].problems[0]
+    write(tmp_path / "arm_lab", installed)
+    for _ in range(2):  # a grading of undecided sessions notes it again
+        note_installed(record, tmp_path)
+    (package,) = record.packages
+    assert package.executables == {"talk": "arm_lab.talk:main"}
+    assert package.shared == {"share/arm_lab/launch/a.launch.py": "launch/a.launch.py"}
+    assert package.problems == [
+        "it does not install launch/b.launch.py, so `ros2 launch arm_lab b.launch.py` does not find it; "
+        "add ('share/arm_lab/launch', ['launch/b.launch.py']) to data_files in setup.py"
+    ]
+
+
+def test_without_a_build_nothing_counts_as_left_out(tmp_path: Path) -> None:
+    """Without installed files, nothing is noted."""
+    sources = {"package.xml": MANIFEST, "setup.py": SETUP, "launch/b.launch.py": ""}
+    record = built_record(sources, [])
+    before = deepcopy(record.packages)
+    note_installed(record, tmp_path)
+    assert record.packages == before
+    assert record.packages[0].shared is None
 
 
 SCRIPT_OF_CMAKE = "project(arm_lab)\nadd_executable(talk src/text.h src/main.c)\n"

@@ -8,13 +8,12 @@ import pytest
 
 from grader.submission.packages.setup_script import NotRecognisedError, keyword_of_setup
 
-PATHS = ["setup.py", "arm/__init__.py", "arm/talk.py", "arm/hear.py", "arm/.hidden.py"]
 CONSTANTS = "NAME: str = 'arm'\nNODES = ['talk', 'hear']\nTABLE = {'a': 'talk', 'b': 'hear'}\n"
 
 
 def value(expression: str, before: str = CONSTANTS) -> Any:
     """Evaluate an expression that is given as a keyword of setup()."""
-    return keyword_of_setup(f"{before}setup(wanted={expression})", "wanted", PATHS)
+    return keyword_of_setup(f"{before}setup(wanted={expression})", "wanted")
 
 
 @pytest.mark.parametrize(
@@ -25,10 +24,7 @@ def value(expression: str, before: str = CONSTANTS) -> Any:
         ("dict(a=NODES + ['x'])", None),
         ("{'a': NODES + ['x']}", {"a": ["talk", "hear", "x"]}),
         ("('x', NAME + '/' + 'y')", ["x", "arm/y"]),
-        ("os.path.join('share', NAME)", "share/arm"),
-        ("sorted(glob(os.path.join('arm', '[th]*.py')))", ["arm/hear.py", "arm/talk.py"]),
-        ("glob('arm/*')", ["arm/__init__.py", "arm/talk.py", "arm/hear.py"]),
-        ("glob('**/talk.py')", None),
+        ("sorted(NODES)", None),
         ("[n for n in NODES if n != 'talk']", None),
         ("open('x').read()", None),
         ("[n for n in read()]", None),
