@@ -9,7 +9,7 @@ import pytest
 
 from confine.interpreters import OWN_INTERPRETER
 from confine.isolation import Isolation
-from grader.live.builds import colcon
+from grader.live.builds import build, colcon
 from grader.live.builds.build import build_packages, can_build
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.submission import BuildFact, SubmissionRecord
@@ -139,3 +139,17 @@ def test_bare_files_cost_nothing(tmp_path: Path, isolation: Isolation) -> None:
     """A submission without a package starts no build."""
     write(tmp_path / "ws", {"talker.py": "print()\n"})
     assert build_packages(tmp_path / "ws", read(tmp_path / "ws"), isolation, 1.0, tmp_path) is None
+
+
+def test_a_package_in_c_without_its_tools_here_is_not_built(
+    tmp_path: Path, isolation: Isolation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A machine without the headers for CMake names them, and blames nobody."""
+    manifest = (
+        "<package><name>lab</name><export><build_type>ament_cmake</build_type></export></package>"
+    )
+    write(tmp_path / "ws", {"package.xml": manifest, "CMakeLists.txt": "project(lab)\n"})
+    monkeypatch.setattr(build, "_OPENSSL", tmp_path / "nowhere")
+    (fact,) = built(tmp_path / "ws", isolation)
+    assert fact.outcome == "not built"
+    assert "lacks libssl-dev" in fact.reason
