@@ -89,7 +89,8 @@ def play(configuration, settings, stop):
 
         def hear(command):
             nonlocal is_braking
-            is_braking = is_braking or command.drive.speed == 0.0
+            if command.drive.speed == 0.0:
+                is_braking = True
 
         node = reference.node
         quality = rclpy.qos.qos_profile_sensor_data
