@@ -90,8 +90,9 @@ def _optional_reader(hint: Any) -> _Reader:
 
 def _checked(value: Any, kind: Any, accepted: Any) -> Any:
     """Return a value of an accepted type, or raise `ValueError`; True and False are not numbers."""
-    is_other_bool = value.__class__ is bool and kind is not bool
-    if not isinstance(value, accepted) or is_other_bool:
+    if value.__class__ is bool:
+        accepted = bool if kind is bool else ()
+    if not isinstance(value, accepted):
         raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
     if kind is int and not -(2**63) <= value < 2**63:
         raise ValueError("a number is too large")

@@ -258,9 +258,12 @@ def find_artifacts(
     specs = rubric.artifacts
     texts = record.texts
     programs = _programs_of(rubric)
-    found = {name: _candidates(spec, paths, texts, programs) for name, spec in specs.items()}
+    found = {}
+    facts = {}
+    for name, spec in specs.items():
+        found[name] = _candidates(spec, paths, texts, programs)
+        facts[name] = ArtifactFact(name, spec.file)
     chooser = _chooser(found, record, rubric)
-    facts = {name: ArtifactFact(name, spec.file) for name, spec in specs.items()}
     for name, candidates in found.items():
         if candidates.ranks:
             facts[name] = _chosen(facts[name], chooser, list(candidates.ranks), "name")
@@ -423,11 +426,15 @@ def _by_entry_point(
     """
     if executable is None:
         return None
-    files = {file.path for file in record.files}
+    files = set()
+    for file in record.files:
+        files.add(file.path)
     for package in packages:
         target = package.executables.get(executable, "")
         module = PurePosixPath(package.path) / target.partition(":")[0].replace(".", "/")
-        path = f"{module}.py" if ":" in target else target
+        path = target
+        if ":" in target:
+            path = f"{module}.py"
         if path in record.texts:
             return path
         source = compiled_programs(package, record.texts).get(executable)

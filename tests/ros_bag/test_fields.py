@@ -26,7 +26,7 @@ def test_a_path_leads_to_a_type(name: str, path: str, spelled: str | None) -> No
 
 
 def test_a_missing_field_is_told_with_the_known_ones() -> None:
-    """The error names the type in which the field is missing, and lists its fields."""
+    """The error names the type without the field, and lists its fields."""
     with pytest.raises(NoSuchField, match=f"{POINT} has no field 'w'") as caught:
         type_at("geometry_msgs/msg/Pose", "position.w")
     assert (caught.value.field, caught.value.known) == ("w", ("x", "y", "z"))

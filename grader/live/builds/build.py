@@ -197,7 +197,7 @@ def _copy_prefix(workspace: Path, package: str, prefixes: Path) -> None:
 
 def _settle_links(prefix: Path) -> None:
     """Make links to files of the same folder, as of the versions of a library, names of these files; remove others."""
-    links = [path for path in prefix.rglob("*") if path.is_symlink()]
+    links = filter(Path.is_symlink, list(prefix.rglob("*")))
     for link in links:
         file = Path(os.path.realpath(link))
         link.unlink()

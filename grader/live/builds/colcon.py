@@ -82,7 +82,11 @@ class Installed(NamedTuple):
 
 def lacking_builder() -> str:
     """Name the missing parts of colcon; empty if this machine has all."""
-    return ", ".join(name for name, module in _PARTS.items() if find_spec(module) is None)
+    missing = []
+    for name, module in _PARTS.items():
+        if find_spec(module) is None:
+            missing.append(name)
+    return ", ".join(missing)
 
 
 def builder_versions() -> dict[str, str]:

@@ -185,7 +185,11 @@ def _left_out(record: SubmissionRecord, package: PackageFact) -> list[str]:
     above = f"{package.path}/".lstrip("/")
     found = []
     for path in sorted(file.path for file in record.files):
-        if path in installed or not path.startswith(above) or not is_launch_file(path):
+        if path in installed:
+            continue
+        if not path.startswith(above):
+            continue
+        if not is_launch_file(path):
             continue
         inside = PurePosixPath(path.removeprefix(above))
         command = f"ros2 launch {package.name} {inside.name}"

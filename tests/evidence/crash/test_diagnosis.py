@@ -764,7 +764,7 @@ def test_real_rclpy_is_understood(tmp_path: Path, body: str, kind: str) -> None:
     ],
 )
 def test_a_signal_of_its_own_ends_a_program(status: int | None, words: str) -> None:
-    """Only signals by which a program ends itself are named, in a sandbox and without one."""
+    """Only signals that end a program by its own doing are named, in a sandbox and without one."""
     run = ProcessRun(
         "it", "student", [], exited_ns=5, exit_status=status, output=lines("a\nreads\n")
     )

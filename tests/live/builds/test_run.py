@@ -22,7 +22,7 @@ TOOL = {f"tool/{path}": text for path, text in PACKAGE.items() if path != "setup
 MANIFEST = (
     PACKAGE["package.xml"].replace("<name>lab<", "<name>greeter<").replace("ament_python", "cmake")
 )
-#: A package in C whose program needs its library, installed under the names of its versions.
+#: A package in C with a program that needs its library, installed under the names of its versions.
 LIBRARY = {
     "greeter/package.xml": MANIFEST,
     "greeter/CMakeLists.txt": """\
