@@ -107,8 +107,9 @@ class ProcessRun:
     @property
     def ended_unasked(self) -> bool:
         """True if it ended before the grader interrupted it, or killed it at the end of the session."""
-        is_asked = self.interrupted_ns is not None or self.ended_by == "kill"
-        return self.exited_ns is not None and not is_asked
+        if self.ended_by == "kill":
+            return False
+        return self.exited_ns is not None and self.interrupted_ns is None
 
 
 @dataclass

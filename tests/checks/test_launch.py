@@ -556,7 +556,7 @@ def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
 
 
 def test_a_node_that_the_session_ends_is_not_down(tmp_path: Path) -> None:
-    """At the end of steps without an interrupt the grader kills what runs, at no cost."""
+    """At the end of steps without an interrupt the grader kills running programs, at no cost."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     session.process("listen-1", interrupted_ns=None, exit_status=-9, ended_by="kill")
     assert nodes(session).credit == Decimal(1)

@@ -201,7 +201,9 @@ def _settle_links(prefix: Path) -> None:
     for link in links:
         file = Path(os.path.realpath(link))
         link.unlink()
-        if file.parent == link.parent.resolve() and file.is_file():
+        if file.parent != link.parent.resolve():
+            continue
+        if file.is_file():
             link.hardlink_to(file)
 
 
@@ -345,6 +347,6 @@ def _archive(cached: Path) -> Path:
 
 def _plain_member(member: tarfile.TarInfo) -> tarfile.TarInfo | None:
     """Return a file, one more name of it, or a folder for an archive."""
-    if member.isdir() or member.isreg() or member.islnk():
+    if member.type in (tarfile.DIRTYPE, tarfile.REGTYPE, tarfile.LNKTYPE):
         return member
     return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import configparser
 import hashlib
 import re
 import shutil
@@ -13,15 +12,20 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from grader.recording.submission import FileFact, PackageFact, SubmissionRecord
-from grader.submission.packages.colcon import bounded, is_launch_file
+from grader.submission.packages.colcon import bounded, is_launch_file, sections_of
 
 #: Folder of the installed modules, below a prefix.
 _MODULES = re.compile(r"lib/python[\d.]+/site-packages/")
 #: First line of a script of setuptools with the interpreter of the build.
-_OF_BUILD = re.compile(rb"#!.*python.*\n(?=# EASY-INSTALL-ENTRY-SCRIPT)")
+_OF_BUILD = re.compile(rb"\A#!.{1,300}\n(?=# EASY-INSTALL-ENTRY-SCRIPT)")
+#: Bytes of a list of console scripts that are read.
+_MOST_LISTED = 100_000
 #: Lists of console scripts of distributions, below a prefix.
 _ENTRY_POINTS = "lib/python*/site-packages/*-info/entry_points.txt"
-_TARGET = re.compile(r"([\w.]+)\s*:\s*[\w.]+")
+#: Most such lists that are read; a package has one.
+_MOST_LISTS = 20
+_NAME = re.compile(r"(?!\.{1,2}$)[\w.+-]{1,200}")
+_TARGET = re.compile(r"([\w.]{1,200})\s*:\s*([\w.]{1,200})")
 
 
 @dataclass(frozen=True)
@@ -85,9 +89,15 @@ class BuiltPackage:
     def scripts(self) -> dict[str, str]:
         """Console scripts, such as {"talker": "lab.talker:main"}, wherever they are installed."""
         found: dict[str, str] = {}
-        for file in self._prefix.glob(_ENTRY_POINTS):
+        for file in self._lists:
             found |= _console_scripts(file)
         return found
+
+    @cached_property
+    def _lists(self) -> list[Path]:
+        """Lists of console scripts of the installed distributions."""
+        found = [file for file in self._prefix.glob(_ENTRY_POINTS) if file.is_file()]
+        return sorted(found)[:_MOST_LISTS]
 
     @cached_property
     def executables(self) -> dict[str, str]:
@@ -113,15 +123,12 @@ class BuiltPackage:
     def programs(self) -> dict[str, str]:
         """Name of each entry point in the folder of the executables -> path of its module below the prefix."""
         found = {}
-        for file in self._prefix.glob(_ENTRY_POINTS):
+        for file in self._lists:
             modules = file.parents[1].relative_to(self._prefix)
             for name, target in _console_scripts(file).items():
-                match = _TARGET.match(target)
-                if match is None:
-                    continue
                 program = self._prefix / "lib" / self.name / name
                 if program.is_file():
-                    module = match[1].replace(".", "/")
+                    module = target.partition(":")[0].replace(".", "/")
                     found[name] = f"{modules}/{module}.py"
         return found
 
@@ -129,7 +136,7 @@ class BuiltPackage:
         """Copy an installed file; a script of setuptools is run by an interpreter."""
         origin = self._prefix / file.path
         shutil.copy(origin, target)
-        if file.is_program or file.path.startswith("bin/"):
+        if file.path.startswith(("bin/", f"lib/{self.name}/")):
             content = origin.read_bytes()
             target.write_bytes(_OF_BUILD.sub(f"#!{interpreter}\n".encode(), content, count=1))
 
@@ -185,9 +192,8 @@ def _left_out(record: SubmissionRecord, package: PackageFact) -> list[str]:
     above = f"{package.path}/".lstrip("/")
     found = []
     for path in sorted(file.path for file in record.files):
-        if path in installed:
-            continue
-        if not path.startswith(above):
+        is_inside = path.startswith(above)
+        if not is_inside or path in installed:
             continue
         if not is_launch_file(path):
             continue
@@ -222,12 +228,16 @@ def _common_parts(first: str, second: str) -> int:
 
 def _console_scripts(file: Path) -> dict[str, str]:
     """Return the console scripts of a distribution, e.g. {"talker": "lab.talker:main"}."""
-    parser = configparser.ConfigParser(interpolation=None, strict=False)
-    parser.optionxform = str  # type: ignore[method-assign,assignment]
-    try:
-        parser.read(file, encoding="utf-8")
-    except (configparser.Error, UnicodeDecodeError):
-        return {}
+    with file.open("rb") as opened:
+        text = opened.read(_MOST_LISTED).decode("utf-8", errors="replace")
+    parser = sections_of(text)
     if not parser.has_section("console_scripts"):
         return {}
-    return dict(parser.items("console_scripts"))
+    found = {}
+    for name, target in parser.items("console_scripts"):
+        match = _TARGET.match(target)
+        if match is None:
+            continue
+        if _NAME.fullmatch(name):
+            found[name] = f"{match[1]}:{match[2]}"
+    return found

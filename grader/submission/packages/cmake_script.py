@@ -148,7 +148,10 @@ def _files_in(name: str, folder: str, paths: Sequence[str]) -> dict[str, str]:
         return _file(name, folder)
     above = root if name.endswith("/") else posixpath.dirname(root)
     skipped = 0 if above in ("", ".") else len(above) + 1
-    return {posixpath.join(folder, path[skipped:]): path for path in inside}
+    copied = {}
+    for path in inside:
+        copied[posixpath.join(folder, path[skipped:])] = path
+    return copied
 
 
 def _file(name: str, folder: str) -> dict[str, str]:

@@ -37,7 +37,10 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
         package = _read_manifest(folder, texts.get(path, ""))
         above = _inside(package.path, "")
-        inside = [path.removeprefix(above) for path in paths if path.startswith(above)]
+        inside = []
+        for file in paths:
+            if file.startswith(above):
+                inside.append(file.removeprefix(above))
         if package.build_type == "ament_python":
             _read_setup(package, texts, inside)
         else:
@@ -76,7 +79,7 @@ def _read_manifest(folder: str, text: str) -> PackageFact:
 
 
 def _inside(folder: str, name: str) -> str:
-    return f"{folder}/{name}" if folder else name
+    return f"{folder}/{name}".lstrip("/")
 
 
 def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) -> None:
@@ -139,23 +142,25 @@ def _scripts_of(points: object) -> list[str]:
             return [script for script in scripts if isinstance(script, str)]
     if not isinstance(points, str):
         return []
-    parser = _sections_of(points)
+    parser = sections_of(points)
     if not parser.has_section("console_scripts"):
         return []
     return [f"{name} = {target}" for name, target in parser.items("console_scripts")]
 
 
 def _scripts_of_config(text: str) -> list[str]:
-    lines = _sections_of(text).get("options.entry_points", "console_scripts", fallback="")
+    lines = sections_of(text).get("options.entry_points", "console_scripts", fallback="")
     return list(filter(str.strip, lines.splitlines()))
 
 
-def _sections_of(text: str) -> configparser.ConfigParser:
+def sections_of(text: str) -> configparser.ConfigParser:
     """Read a text with sections; another text has none."""
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     parser.optionxform = str  # type: ignore[method-assign,assignment]
     # The parser's time grows with the square of the blanks in a line.
-    lines = [line[:_LONGEST_LINE] for line in text.splitlines()]
+    lines = []
+    for line in text.splitlines():
+        lines.append(line[:_LONGEST_LINE])
     try:
         parser.read_string("\n".join(lines))
     except configparser.Error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ TOOL = {f"tool/{path}": text for path, text in PACKAGE.items() if path != "setup
 MANIFEST = (
     PACKAGE["package.xml"].replace("<name>lab<", "<name>greeter<").replace("ament_python", "cmake")
 )
-#: A package in C with a program that needs its library, installed under the names of its versions.
+#: A package in C with a library, installed under the names of its versions, and a program linked to it.
 LIBRARY = {
     "greeter/package.xml": MANIFEST,
     "greeter/CMakeLists.txt": """\
@@ -50,7 +51,7 @@ def generate_launch_description():
         Node(package='greeter', executable='hello', name='hello'),
     ])
 """
-STEPS: list[dict[str, object]] = [
+STEPS: list[dict[str, Any]] = [
     {"plan": {"launch": "up_launch"}, "label": "plan"},
     {"start": {"launch": "up_launch"}},
     {"observe": {"duration_s": 5}},

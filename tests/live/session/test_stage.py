@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+import time
 from copy import deepcopy
 from pathlib import Path
 from typing import NamedTuple
@@ -317,7 +318,7 @@ TALK = "def main():\n    print('from the package', __file__.rpartition('/')[2])\
 
 
 def built_record(sources: dict[str, str], installed: list[str]) -> SubmissionRecord:
-    """Return the record of a package that a build installed."""
+    """Return the record of a built package."""
     record = SubmissionRecord("ann", texts=dict(sources))
     for path, text in sources.items():
         digest = hashlib.sha256(text.encode()).hexdigest()
@@ -382,7 +383,7 @@ def test_an_executable_in_another_folder_gets_a_wrapper(tmp_path: Path) -> None:
 
 
 def test_a_build_tells_what_a_package_installs(tmp_path: Path) -> None:
-    """Executables, data files and launch files that are left out come from the installed files."""
+    """Executables, data files and omitted launch files come from the installed files."""
     launch = "def generate_launch_description():\n    return None\n"
     sources = {"package.xml": MANIFEST, "setup.py": "setup(entry_points=made())\n"}
     sources |= {"arm_lab/talk.py": TALK, "launch/a.launch.py": launch, "launch/b.launch.py": ""}
@@ -438,3 +439,21 @@ def test_a_compiled_program_runs_if_it_was_built(tmp_path: Path, installed: dict
         program = programs["publisher"]
         assert program == StudentProgram("install/lib/arm_lab/talk", is_compiled=True)
         assert program.command("/ws", Path(python))[-1] == "/ws/install/lib/arm_lab/talk"
+
+
+def test_a_hostile_list_of_scripts_is_read_soon(tmp_path: Path) -> None:
+    """A build can write any text in place of its list of scripts and its programs."""
+    sources = {"package.xml": MANIFEST, "setup.py": SETUP}
+    installed = {
+        f"{MODULES}/a-info/entry_points.txt": "[console_scripts]\nx" + " " * 20_000_000,
+        f"{MODULES}/b-info/entry_points.txt/folder": "",
+        f"{MODULES}/c-info/entry_points.txt": f"[console_scripts]\n{'n' * 300} = a:b\n.. = a:b\nm = ../a\n",
+        "lib/arm_lab/talk": "#!" * 10_000_000,
+    }
+    record = built_record(sources, list(installed))
+    write(tmp_path / "arm_lab", installed)
+    started_s = time.process_time()
+    note_installed(record, tmp_path)
+    assert record.packages[0].executables == {}
+    stage(tmp_path, record, read_rubric(None), tmp_path / "ws", sys.executable, tmp_path)
+    assert time.process_time() - started_s < 10
