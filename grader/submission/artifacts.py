@@ -427,7 +427,9 @@ def _by_entry_point(
     for package in packages:
         target = package.executables.get(executable, "")
         module = PurePosixPath(package.path) / target.partition(":")[0].replace(".", "/")
-        path = f"{module}.py" if ":" in target else target
+        path = target
+        if ":" in target:
+            path = f"{module}.py"
         if path in record.texts:
             return path
         source = compiled_programs(package, record.texts).get(executable)

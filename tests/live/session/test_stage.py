@@ -382,7 +382,7 @@ def test_an_executable_in_another_folder_gets_a_wrapper(tmp_path: Path) -> None:
 
 
 def test_a_build_tells_what_a_package_installs(tmp_path: Path) -> None:
-    """Executables, data files and launch files that are left out come from the installed files."""
+    """Executables, data files and missing launch files come from the installed files."""
     launch = "def generate_launch_description():\n    return None\n"
     sources = {"package.xml": MANIFEST, "setup.py": "setup(entry_points=made())\n"}
     sources |= {"arm_lab/talk.py": TALK, "launch/a.launch.py": launch, "launch/b.launch.py": ""}
