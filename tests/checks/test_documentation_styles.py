@@ -245,7 +245,7 @@ OFF = "        # message.data = [1.0] * 7\n        # self.publisher.publish(mess
             },
             0,
         ),
-        ({"head": "# this is important\n", "reason": "        # this is important\n"}, 1.09),
+        ({"head": "# this is important\n", "reason": "        # this is important\n"}, 0),
         (
             {
                 "head": "#!/usr/bin/env python3\n# -*- coding: utf-8 -*-\n",
@@ -253,7 +253,7 @@ OFF = "        # message.data = [1.0] * 7\n        # self.publisher.publish(mess
             },
             0,
         ),
-        ({"head": '"""Sends the commands of @."""\n'}, 5.45),
+        ({"head": '"""Sends the commands of @."""\n'}, 6),
     ],
     ids=[
         "nothing",

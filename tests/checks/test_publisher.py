@@ -499,7 +499,7 @@ def test_a_program_that_ends_within_the_window_loses_the_rate(tmp_path: Path) ->
     finding = judged("topic_rate", RATE, session)
     assert finding.outcome is Outcome.FAILED
     assert finding.measured.endswith("for 1.0 s, then nothing for 5.0 s")
-    assert "exit status 139" in finding.reason
+    assert "ended by signal 11 (segmentation fault)" in finding.reason
 
 
 def test_what_ended_a_program_within_the_window_is_shown(tmp_path: Path) -> None:
