@@ -382,7 +382,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     plan = plan_of(context, p.step)
     undefined = worked_around(context, p.step, "undefined_configuration")
     assumed = " ".join(noted.message for noted in undefined)
-    declared = {argument.name: argument for argument in plan.arguments}
+    declared = _declared(plan)
     parts = []
     for wanted in p.arguments:
         got = declared.get(wanted.name)
@@ -396,6 +396,17 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
             parts.append(_not_declared(plan, wanted, p))
     shown = [f"{argument.name} = {argument.default!r}" for argument in declared.values()]
     return of_parts(expected, parts, measured=", ".join(shown) or "no arguments")
+
+
+def _declared(plan: Plan) -> dict[str, Argument]:
+    """Return the arguments by their names.
+
+    Of several declarations the first sets the value, because an included file may declare the argument again.
+    """
+    declared: dict[str, Argument] = {}
+    for argument in plan.arguments:
+        declared.setdefault(argument.name, argument)
+    return declared
 
 
 def _judge_default(got: Argument, wanted: WantedArgument, p: LaunchArguments) -> Part:
@@ -916,11 +927,12 @@ def _judge_parameter(
     if given.is_unreadable:
         return Part(0.0, f"{short}.{wanted.name} unreadable", f"{subject} could not be read.")
     # The check of the arguments charges a wrong default, and a missing argument.
-    defaults = {argument.name: argument.default for argument in plan.arguments}
-    follows = wanted.argument is not None and _same(value, defaults.get(wanted.argument))
+    declared = _declared(plan)
+    argument = declared.get(wanted.argument or "")
+    follows = argument is not None and _same(value, argument.default)
     if not _same(value, wanted.value) and not follows:
         return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
-    if wanted.argument is not None and wanted.argument not in defaults:
+    if wanted.argument is not None and argument is None:
         return Part(1.0, text)
     return _judge_wiring(context, p, wanted, given.planned, other, text)
 

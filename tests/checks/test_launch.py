@@ -337,6 +337,18 @@ def test_each_argument_is_a_part(
     assert words in finding.reason
 
 
+def test_the_first_declaration_of_an_argument_counts(tmp_path: Path) -> None:
+    """An included file may declare the arguments again, without defaults."""
+    listed: list[dict[str, str | None]] = [
+        {"name": "sim", "default": "true"},
+        {"name": "rate", "default": "100.0"},
+        {"name": "sim", "default": None},
+        {"name": "rate", "default": None},
+    ]
+    session = planned(Session(tmp_path), arguments=listed)
+    assert judged("launch_arguments", ARGUMENTS, session).outcome is Outcome.PASSED
+
+
 @pytest.mark.parametrize(("other", "credit"), [("50.0", "1"), ("100.0", "0.25")])
 def test_arguments_that_change_nothing_keep_little(tmp_path: Path, other: str, credit: str) -> None:
     """With other values of all arguments, the file starts something else, or the same."""

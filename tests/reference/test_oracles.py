@@ -3,7 +3,7 @@
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -287,6 +287,24 @@ def test_a_history_that_stops_when_full_is_recognised(seed: int) -> None:
     assert (
         (mean > np.array(right["mean"]["high"])) | (mean < np.array(right["mean"]["low"]))
     ).any()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_commands_taken_for_degrees_are_recognised(seed: int) -> None:
+    """Series and statistics of a subscriber that converts commands from degrees are given, and are not right."""
+    events = schedule(seed)
+    in_rad = []
+    for event in events:
+        values = event.values
+        if event.role == COMMAND:
+            values = tuple(np.radians(values))
+        in_rad.append(replace(event, values=values))
+    streams = recorded(events)
+    converted = recorded(in_rad)
+    for oracle in (tracking_statistics, tracking_plateaus):
+        found = oracle(streams, {"command": "degrees"}, seed)
+        assert found == oracle(converted, {}, seed)
+        assert found != oracle(streams, {}, seed)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
