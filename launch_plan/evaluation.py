@@ -54,7 +54,7 @@ def evaluate(
     interpreter : Path or str
         Python with PyYAML and `ament_index_python`; for `native` also with `launch_ros`.
     environment : Mapping, optional
-        Variables of the process; those of the caller by default. `AMENT_PREFIX_PATH` lists the installed packages.
+        Variables of the process; the caller's by default. `AMENT_PREFIX_PATH` lists the installed packages.
     timeout_s : float
         Time for the evaluation, in seconds.
 

@@ -41,7 +41,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Ending:
-    """How an evaluating process ended."""
+    """End of an evaluating process."""
 
     #: False if the process was killed after its time.
     in_time: bool

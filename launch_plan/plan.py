@@ -116,7 +116,7 @@ _Remappings = tuple[tuple[_Text, _Text], ...]
 
 @dataclass(frozen=True)
 class Problem:
-    """The reason for which a launch file cannot be launched, or not be assessed."""
+    """Reason why a launch file cannot be launched, or cannot be assessed."""
 
     #: A slug, such as `unknown_executable`.
     kind: str
@@ -206,7 +206,7 @@ class Process:
     parameter_files: _Files = field(default_factory=dict)
     components: tuple[Component, ...] = ()
     autostart: _Flag = False
-    #: Reason for which the process cannot start here, through no fault of the launch file.
+    #: Reason why the process cannot start here, through no fault of the launch file.
     absent: str = ""
     file: str | None = None
     line: _Line | None = None
@@ -406,7 +406,7 @@ class Plan:
     logs: tuple[Note, ...] = ()
     warnings: tuple[Note, ...] = ()
     loaded_components: tuple[Mapping[str, Any], ...] = ()
-    #: Actions whose condition does not hold, or that are not evaluated: `what`, `why`, `file`, `line`.
+    #: Actions with a false condition, or without an evaluation: `what`, `why`, `file`, `line`.
     not_started: tuple[Mapping[str, Any], ...] = ()
     parameter_files: _Files = field(default_factory=dict)
 
@@ -472,7 +472,7 @@ def _plain(value: Any) -> Any:
 
 
 def _plain_parameter(parameter: Parameter) -> dict[str, Any]:
-    """Return the fields of a value or those of a file."""
+    """Return the fields of a value or of a file."""
     names = ["file", "content"] if parameter.name is None else ["name", "value", "type"]
     if parameter.wildcard:
         names.append("wildcard")

@@ -389,7 +389,7 @@ class Executor:
         self.note("includes", {"file": relative(file, self.root), "arguments": given}, action)
 
     def is_command_line(self, include: Any) -> bool:
-        """Return whether an include is that of the launch file itself."""
+        """Return whether an include stands for the launch file of the command line."""
         return include is self._top
 
     def log(self, action: Any, context: Any) -> None:

@@ -1,4 +1,4 @@
-"""Files of the submission, and the reasons for which `launch` does not find them, e.g. a missing line in setup.py."""
+"""Files of the submission, and reasons why `launch` does not find them, e.g. a missing line in setup.py."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ELSEWHERE = "/opt/ros/jazzy"
 
 
 def _files_below(root: str) -> Iterator[Path]:
-    """Yield files in the order of their names, without those of hidden folders; none if there is no root."""
+    """Yield files in the order of their names, except in hidden folders; none if there is no root."""
     if not root:
         return
     seen = 0
@@ -119,7 +119,7 @@ def module_out_of_reach(name: str, root: str) -> str | None:
 
 
 def own_packages() -> tuple[list[str], list[str]]:
-    """Return the names of the submission's packages, installed in the first prefix, and those of all packages."""
+    """Return the names of the submission's packages, installed in the first prefix, and the names of all packages."""
     from ament_index_python.packages import get_packages_with_prefixes
 
     there = sorted(get_packages_with_prefixes())

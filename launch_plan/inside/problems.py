@@ -1,7 +1,7 @@
 """Problems of a launch file: message, place and remedy, in words for the author.
 
-Exceptions of the stand-in carry their kind and their remedy. Those of Python and of the real `launch` are recognised
-here, by type and by message.
+Exceptions of the stand-in carry their kind and their remedy. Exceptions of Python and of the real `launch` are
+recognised here, by type and by message.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ def _describe(error: BaseException, root: str, configurations: Mapping[str, Any]
 
 
 def _message(error: BaseException) -> str:
-    """Return the message of an exception; that of a KeyError without quotes."""
+    """Return the message of an exception, without the quotes of a KeyError."""
     if isinstance(error, KeyError) and error.args:
         return str(error.args[0])
     return str(error)

@@ -93,7 +93,7 @@ class Describer:
         return program
 
     def _environment(self, environment: dict[str, str], *, replaces: bool) -> dict[str, Any]:
-        """Return the variables that differ from those of the launch; all of them if they replace those."""
+        """Return the variables that differ from the launch's variables; all of them if they replace the launch's."""
         before = self._plan.initial_environment
         if replaces:
             return {"env": environment, "env_unset": [], "env_replaces": True}
@@ -159,7 +159,7 @@ class Describer:
         return node
 
     def _files_named(self, words: list[str]) -> dict[str, str]:
-        """Return the plan's files whose paths are words of a command line."""
+        """Return the plan's files with a path among the words of a command line."""
         files: dict[str, str] = {}
         for name, text in self._files.texts.items():
             if f"{PARAMETERS_PLACEHOLDER}/{name}" in words:
@@ -261,7 +261,7 @@ class Describer:
         }
 
     def _parameters_of_component(self, node: Any, context: Any) -> list[dict[str, Any]]:
-        """Return the parameters that `launch` sends to the container, those of files included."""
+        """Return the parameters that `launch` sends to the container, including parameters from files."""
         import yaml
         from launch_ros.descriptions import Parameter
         from launch_ros.utilities import evaluate_parameters

@@ -1,4 +1,4 @@
-"""Checks of a lab in which joints follow sinusoids: the motion, and the values of its messages."""
+"""Checks of joints that follow sinusoids: the motion, and the values of its messages."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ class _RowPart(Part):
 
 
 def _misleading(parts: Sequence[_RowPart]) -> list[_RowPart]:
-    """Halve the shares of a table in which each of several latencies is impossible."""
+    """Halve the shares of a table with several latencies if all of them are impossible."""
     impossible = sum(part.has_impossible_latency for part in parts)
     if impossible < max(2, len(parts)):
         return list(parts)

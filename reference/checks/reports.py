@@ -149,7 +149,7 @@ class Alternative(BaseModel):
 
 
 class FewerReports(BaseModel):
-    """A known mistake by which a node reports for some messages only."""
+    """Known mistake of a node that reports for some messages only."""
 
     oracle: Loadable = Field(description="file.py:function that counts the reports.")
     meaning: str

@@ -1,4 +1,4 @@
-"""Checks of a service whose answers depend on a parameter, and of the time that its answers take."""
+"""Checks of a service with answers that depend on a parameter, and of its response times."""
 
 from __future__ import annotations
 

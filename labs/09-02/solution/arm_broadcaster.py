@@ -26,7 +26,7 @@ class ArmBroadcaster(Node):
         self.create_subscription(JointState, "/joint_states", self.on_joints, 10)
 
     def on_joints(self, message):
-        """Broadcast what follows from joint states."""
+        """Broadcast the transforms that follow from joint states."""
         angles = dict(zip(message.name, message.position, strict=False))
         # Some messages are of the gripper alone.
         if not all(joint in angles for _, _, _, joint, _ in LINKS):
@@ -37,7 +37,7 @@ class ArmBroadcaster(Node):
         """Return the transform of a link."""
         child, parent, (x, y, z), joint, axis = link
         sent = TransformStamped()
-        # Of the time at which the joints were measured, not of now.
+        # Time of the measurement of the joints, not of its broadcast.
         sent.header.stamp = stamp
         sent.header.frame_id = parent
         sent.child_frame_id = child

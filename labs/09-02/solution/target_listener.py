@@ -19,7 +19,7 @@ def multiply(p, q):
 
 
 class TargetListener(Node):
-    """Answers each target whose transform is known."""
+    """Answers each target with a known transform."""
 
     def __init__(self):
         super().__init__("target_listener")

@@ -22,7 +22,7 @@ from launch_plan.inside.problems import (
 )
 from launch_plan.jazzy import RENAMED
 
-#: The evaluator, whose own lines are no part of a launch file.
+#: The evaluator. Its own lines are no part of a launch file.
 EVALUATOR = Path(__file__).resolve().parents[2]
 
 SourceLine = tuple[str, int]
@@ -202,7 +202,7 @@ class Pairs(Field):
 
 
 def fields_of(cls: Any) -> dict[str, Field]:
-    """Return the fields of a class by name, those of its bases first; another attribute of the name removes a field."""
+    """Return the fields of a class by name, inherited ones first; another attribute of the name removes a field."""
     found: dict[str, Field] | None = vars(cls).get("_fields")
     if found is not None:
         return found

@@ -1,4 +1,4 @@
-"""Parameters of nodes: values, rules and files, with their form in XML and YAML, and that of remappings."""
+"""Parameters of nodes (values, rules and files) and remappings, with their form in XML and YAML."""
 
 from __future__ import annotations
 

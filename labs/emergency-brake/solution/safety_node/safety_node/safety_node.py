@@ -1,4 +1,4 @@
-"""Brakes before the car hits what its laser scanner sees."""
+"""Brakes before the car hits an obstacle that its laser scanner sees."""
 
 import numpy as np
 import rclpy

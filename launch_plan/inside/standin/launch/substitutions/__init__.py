@@ -293,7 +293,7 @@ class _Logical(Substitution):
     def perform(self, context: Any) -> str:
         return str(self.holds(context)).lower()
 
-    #: Function of the truth values, all of which are resolved before.
+    #: Function of the truth values, which are all resolved before.
     decide: Any = staticmethod(all)
 
     def operands(self) -> list[Any]:
