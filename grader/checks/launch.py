@@ -929,7 +929,9 @@ def _judge_parameter(
     # The check of the arguments charges a wrong default, and a missing argument.
     declared = _declared(plan)
     argument = declared.get(wanted.argument or "")
-    follows = argument is not None and _same(value, argument.default)
+    follows = False
+    if argument is not None:
+        follows = _same(value, argument.default)
     if not _same(value, wanted.value) and not follows:
         return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
     if wanted.argument is not None and argument is None:
