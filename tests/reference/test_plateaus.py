@@ -46,20 +46,21 @@ def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
     from std_msgs.msg import Float64MultiArray
 
     names = {"/joint_commands": "/cmds"}
-    events = schedule(8, PlateauSettings(**SHORT))  # type: ignore[arg-type]
+    settings = PlateauSettings(**SHORT)  # type: ignore[arg-type]
+    events = schedule(8, settings)
     commands = [event for event in events if event.role == COMMAND]
     states = [event for event in events if event.role == STATE]
     with listener(domain_id) as heard:
         heard.listen("/cmds", Float64MultiArray)
         heard.listen("/joint_states", Float64MultiArray)
         sent: list[bytes] = []
-        heard.node.create_subscription(Float64MultiArray, "/cmds", sent.append, 100, raw=True)
+        heard.node.create_subscription(Float64MultiArray, "/cmds", sent.append, 2000, raw=True)
         with started(
             "plateaus.py", {"seed": 8, "names": names, "with": SHORT}, domain_id
         ) as stimulus:
-            last = states[-1].values
+            last = [states[-1].values] * settings.last_states
             assert heard.spin_until(
-                lambda: values(heard, "/joint_states")[-208:] == [last] * 208, 60
+                lambda: values(heard, "/joint_states")[-len(last) :] == last, 60
             )
             assert lines(stimulus).readline() == "done\n"
             heard.spin_for(0.2)
