@@ -118,9 +118,9 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     """
     expected = "`ros2 launch` brings it up without an error"
     plan = plan_of(context, p.step)
-    if plan is _NO_PLAN:
-        reason = "The recording does not hold an evaluation of the launch file."
-        return inconclusive(expected, "not evaluated", reason)
+    unread = _unread(context, p.step, plan)
+    if unread:
+        return inconclusive(expected, "not evaluated", unread)
     problem = plan.problem
     noted = worked_around(context, p.step)
     if problem is not None:
@@ -138,6 +138,20 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if problem is None:
         return _repaired(faults, expected, p.repaired_rest)
     return _stopped(p, expected, plan, problem, where)
+
+
+def _unread(context: Context, step: str, plan: Plan) -> str:
+    """Say why a launch file was not read, through no fault of its own; empty if it was read."""
+    if plan is _NO_PLAN:
+        return "The recording does not hold an evaluation of the launch file."
+    if plan.problem is None:
+        return ""
+    run = context.session.step(step)
+    assert run is not None
+    # The outcome of a file that is busy by itself is "failed".
+    if (plan.problem.kind, run.outcome) == ("too_slow", "timeout"):
+        return "Not your fault: the grading computer was too busy to read the launch file in time."
+    return ""
 
 
 def _stopped(
@@ -380,12 +394,8 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
             parts.append(Part(1.0))
         else:
             parts.append(_not_declared(plan, wanted, p))
-    shown = []
-    for argument in declared.values():
-        shown.append(f"{argument.name} = {argument.default!r}")
-    if not shown:
-        shown = ["no arguments"]
-    return of_parts(expected, parts, measured=", ".join(shown))
+    shown = [f"{argument.name} = {argument.default!r}" for argument in declared.values()]
+    return of_parts(expected, parts, measured=", ".join(shown) or "no arguments")
 
 
 def _declared(plan: Plan) -> dict[str, Argument]:

@@ -288,6 +288,19 @@ def test_a_compiled_program_that_is_not_built_here_costs_nothing(
     assert (finding.outcome, finding.retry) == (outcome, outcome is Outcome.FAILED)
 
 
+@pytest.mark.parametrize(
+    ("outcome", "expected"), [("timeout", Outcome.INCONCLUSIVE), ("failed", Outcome.FAILED)]
+)
+def test_an_evaluation_that_the_machine_delayed_is_undecided(
+    tmp_path: Path, outcome: str, expected: Outcome
+) -> None:
+    """A launch file is at fault only if it was busy by itself until its time was over."""
+    problem = {"kind": "too_slow", "message": "the launch file was still busy after 10 s"}
+    session = planned(Session(tmp_path), problem=problem)
+    session.record.steps[-1].outcome = outcome
+    assert judged("launch_loads", LOADS, session).outcome is expected
+
+
 def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
     """A plan that is not there or is none is the grader's fault; a missing file is not."""
     unevaluated = judged("launch_loads", LOADS, Session(tmp_path / "a"))

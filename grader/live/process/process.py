@@ -325,6 +325,20 @@ class RunningProcess:
             cpu_ns = max(cpu_ns, self.run.usage[-1].cpu_ns)
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
+    def delay_by_others_s(self) -> float:
+        """Return the longest time that one of its threads surely waited for a core because of other programs, in s.
+
+        That is its whole wait, less the CPU time of all threads and child processes of the same program.
+        """
+        cpu_ns = 0
+        if self.run.usage:
+            cpu_ns = self.run.usage[-1].cpu_ns
+        longest_ns = 0
+        for thread_cpu_ns, delay_ns in self._usage.values():
+            by_others_ns = delay_ns - (cpu_ns - thread_cpu_ns)
+            longest_ns = max(longest_ns, by_others_ns)
+        return longest_ns / 1e9
+
     def lately_used(self) -> float:
         """Return the share of a core that it used between the last two looks at it."""
         *_, before, now = Usage(0, 0, 0), Usage(1, 0, 0), *self.run.usage

@@ -571,14 +571,14 @@ def with_places(text: str, names: Container[str], folder: str) -> str:
 
 
 async def _run_until(running: RunningProcess, time_s: float, most: float = _MOST_EXTENDED) -> str:
-    """Wait until a program has ended: as long as it may take, and as long as it waits for a core besides.
+    """Wait until a program has ended: as long as it may take, and as long as other programs keep it from a core besides.
 
-    Return "failed" if it had that time, and "timeout" if the machine kept it from a core for too long to tell.
+    Return "failed" if it had that time, and "timeout" if they kept it from a core for too long to tell.
     """
     began_s = time.monotonic()
     while not await running.wait_exit(max(_LOOK_S, began_s + time_s - time.monotonic())):
         running.sample_usage()
-        delay_s = running.run.usage[-1].run_delay_ns / 1e9 if running.run.usage else 0.0
+        delay_s = running.delay_by_others_s()
         if (took_s := time.monotonic() - began_s) > min(time_s + delay_s + _WAIT_S, most * time_s):
             return "timeout" if took_s < time_s + delay_s else "failed"
     return "done"

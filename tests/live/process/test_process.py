@@ -240,3 +240,48 @@ def test_what_children_used_that_came_and_went_counts() -> None:
         return run.usage[-1].cpu_ns
 
     assert asyncio.run(used_ns()) > 500_000_000
+
+
+#: Keeps the last core busy, in as many processes as the count says.
+_BUSY = """
+import os
+os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+for _ in range(COUNT - 1):
+    if os.fork() == 0:
+        break
+while True:
+    pass
+"""
+
+
+@pytest.mark.parametrize(("own", "others"), [(4, 0), (1, 3)])
+def test_only_other_programs_delay_a_program(own: int, others: int) -> None:
+    """A program that waits for its own children is not delayed by the machine; one beside other programs is."""
+    record = ProcessRun("it", "student", [])
+    beside = []
+    for _ in range(others):
+        busy = [sys.executable, "-c", _BUSY.replace("COUNT", "1")]
+        beside.append(subprocess.Popen(busy))
+
+    async def delay_by_others_s() -> float:
+        running = await RunningProcess.start(
+            record, [sys.executable, "-c", _BUSY.replace("COUNT", str(own))], environment={}
+        )
+        await asyncio.sleep(2.0)
+        running.sample_usage()
+        delay_s = running.delay_by_others_s()
+        await running.kill()
+        return delay_s
+
+    try:
+        delay_s = asyncio.run(delay_by_others_s())
+    finally:
+        for program in beside:
+            program.kill()
+            program.wait()
+    whole_s = record.usage[-1].run_delay_ns / 1e9
+    assert whole_s > 0.5
+    if others:
+        assert delay_s > 0.8 * whole_s
+    else:
+        assert delay_s < 0.2 * whole_s
