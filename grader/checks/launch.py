@@ -394,8 +394,12 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
             parts.append(Part(1.0))
         else:
             parts.append(_not_declared(plan, wanted, p))
-    shown = [f"{argument.name} = {argument.default!r}" for argument in declared.values()]
-    return of_parts(expected, parts, measured=", ".join(shown) or "no arguments")
+    shown = []
+    for argument in declared.values():
+        shown.append(f"{argument.name} = {argument.default!r}")
+    if not shown:
+        shown = ["no arguments"]
+    return of_parts(expected, parts, measured=", ".join(shown))
 
 
 def _declared(plan: Plan) -> dict[str, Argument]:

@@ -41,7 +41,6 @@ class PackageBuilds(Parameters):
 
     of_session = False
     example: ClassVar = {"executables": ["talker"], "files": ["launch/*"]}
-    of_session = False
 
     package: ref.GivenName | None = Field(
         None, description="Name of the package; by default all packages of the submission count."
