@@ -40,13 +40,15 @@ thorough: $(DEV_STAMP) system-dev
 
 # Every fixture and every submission of a lab. `make test-all` grades some of them, others for each commit.
 fixtures: $(DEV_STAMP) system
-	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py tests/live/test_goal_lab.py
+	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py tests/live/test_goal_lab.py \
+	  tests/live/test_own_interfaces.py
 
-# Every attack of fixtures/attacks in all three environments, every launch file that misbehaves, and every low limit; some fifty
-# minutes. `make test-all` tries a part of them.
+# Every attack of fixtures/attacks in all three environments, every launch file that misbehaves, every low limit, and whatever
+# else may be killed or take too much; more than an hour. `make test-all` tries a part of them.
 attacks: $(DEV_STAMP) system
 	ATTACKS=all $(BIN)/python -m pytest -n 3 tests/live/test_attacks.py tests/live/test_launch_containment.py \
-	  tests/live/test_limits.py
+	  tests/live/test_limits.py tests/live/sandbox/test_isolation.py tests/live/session/test_runner.py \
+	  tests/classroom/test_class.py tests/classroom/test_worker.py
 
 # What grading costs and how sure it is, on this machine; some twenty minutes. Run it while nothing else runs.
 bench: $(STAMP) system

@@ -1,4 +1,8 @@
-"""Amount of trials: a part in every run, all with THOROUGH=1 (`make thorough`), and more examples with more."""
+"""Amount of trials: a part in every run, all with THOROUGH=1 (`make thorough`), and more examples with more.
+
+Live cases have variables of their own, because all of them take hours: FIXTURES=all and ATTACKS=all, as `make fixtures`
+and `make attacks` set them.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,8 @@ from pathlib import Path
 from typing import TypeVar
 
 THOROUGH = int(os.environ.get("THOROUGH") or 0)
+EVERY_FIXTURE = os.environ.get("FIXTURES") == "all"
+EVERY_ATTACK = os.environ.get("ATTACKS") == "all"
 _Case = TypeVar("_Case")
 
 

@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.usefixtures("judged_before")]
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 NAMES = ("solution", "service_never_answers", "qos_invented_numbers", "launch_wrong_executable")
-#: Reports in light and in dark colours; every run examines one of each.
+#: Reports in light and in dark colours; every run examines one.
 STATES = [*product(NAMES, [False]), *product(reversed(NAMES), [True])]
 #: Adjustments of one report.
 OVERRIDES = """
@@ -101,7 +101,7 @@ def measures(chromium: Browser, reports: dict[str, Path]) -> dict[str, Measures]
     return found
 
 
-@pytest.mark.parametrize(("name", "dark"), part(STATES, 4))
+@pytest.mark.parametrize(("name", "dark"), part(STATES, 8))
 def test_nothing_keeps_anyone_from_using_it(
     name: str, dark: bool, chromium: Browser, reports: dict[str, Path]
 ) -> None:

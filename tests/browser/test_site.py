@@ -5,9 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from html.parser import HTMLParser
 from itertools import product
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote, urljoin, urlsplit
 
 import pytest
 from playwright.sync_api import Browser, expect
@@ -19,7 +20,7 @@ from tests.thorough import part
 pytestmark = pytest.mark.browser
 
 PAGES = ("index", "first-lab", "policy", "figures")
-#: Pages at a desk in light colours, and on a phone in dark ones; every run examines one of each.
+#: Pages at a desk in light colours, and on a phone in dark ones; every run examines one.
 STATES = [*product(PAGES, [(DESK, False)]), *product(reversed(PAGES), [(PHONE, True)])]
 
 
@@ -45,7 +46,7 @@ def pages(site: Path) -> list[Path]:
     return [page for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
 
 
-@pytest.mark.parametrize(("name", "screen"), part(STATES, 4))
+@pytest.mark.parametrize(("name", "screen"), part(STATES, 8))
 def test_nothing_keeps_anyone_from_using_it(
     name: str, screen: tuple[tuple[int, int], bool], chromium: Browser, site: Path
 ) -> None:
@@ -55,19 +56,43 @@ def test_nothing_keeps_anyone_from_using_it(
         assert seen.axe() == []
 
 
-def test_every_page_and_every_link_leads_to_something(chromium: Browser, site: Path) -> None:
-    """Pages load nothing from elsewhere, and fit a phone; pages, files and sections that they link are there."""
-    links, anchors = set(), set()
+class _Names(HTMLParser):
+    """Collects the targets of links and the ids of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.links: set[str] = set()
+        self.ids: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Keep the target of a link and the id of any element."""
+        found = dict(attrs)
+        if tag == "a" and found.get("href"):
+            self.links.add(str(found["href"]))
+        if found.get("id"):
+            self.ids.add(str(found["id"]))
+
+
+def test_pages_fit_a_phone_and_load_nothing_from_elsewhere(chromium: Browser, site: Path) -> None:
+    """No page of the site is wider than a phone, or asks a network for anything."""
     # One page of the browser for all: with a new one for each, everything takes twice the time.
     with visit(chromium, site / "index.html", PHONE) as seen:
-        for page in pages(site):
+        for page in part(pages(site), 4):
             seen.page.goto(page.as_uri())
             assert seen.page.evaluate("document.documentElement.scrollWidth") == PHONE[0], page
-            links |= set(seen.page.eval_on_selector_all("a[href]", "all => all.map(a => a.href)"))
-            names = seen.page.eval_on_selector_all("[id]", "all => all.map(e => e.id)")
-            anchors |= {f"{page}#{name}" for name in names}
+    assert [request for request in seen.requests if not request.startswith("file:")] == []
+
+
+def test_every_link_leads_to_something(site: Path) -> None:
+    """Pages, files and sections that pages link are there."""
+    links, anchors = set(), set()
+    for page in pages(site):
+        names = _Names()
+        names.feed(page.read_text(encoding="utf-8"))
+        links |= {urljoin(page.as_uri(), link) for link in names.links}
+        anchors |= {f"{page}#{name}" for name in names.ids}
     inside = [urlsplit(link) for link in links if link.startswith("file:")]
-    missing = [part.geturl() for part in inside if not Path(unquote(part.path)).is_file()]
+    missing = [p.geturl() for p in inside if not Path(unquote(p.path)).is_file()]
     assert missing == []
     named = {
         f"{unquote(p.path)}#{unquote(p.fragment)}"

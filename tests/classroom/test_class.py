@@ -36,6 +36,7 @@ from tests.report.exports.importers import (
     moodle_grade_book,
     moodle_worksheet,
 )
+from tests.thorough import EVERY_ATTACK, part
 
 pytestmark = pytest.mark.live
 #: The bag of the only session.
@@ -283,7 +284,7 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert remains(small.temporary) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", part([signal.SIGINT, signal.SIGTERM], 2, EVERY_ATTACK))
 def test_a_run_that_is_asked_to_end_keeps_what_is_done(
     tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -345,12 +346,12 @@ VICTIMS = {
 
 def kill(family: Family, victim: str) -> set[int]:
     """Kill the processes of a run that are the victim; returns their ids."""
-    part, name = VICTIMS[victim]
+    program, name = VICTIMS[victim]
     family.look()
     found = {
         pid
         for pid, _ in family.members
-        if part in command_of(pid) and name_of(pid).startswith(name)
+        if program in command_of(pid) and name_of(pid).startswith(name)
     }
     for pid in found:
         with suppress(ProcessLookupError):
@@ -358,7 +359,7 @@ def kill(family: Family, victim: str) -> set[int]:
     return found
 
 
-@pytest.mark.parametrize("victim", VICTIMS)
+@pytest.mark.parametrize("victim", part([*VICTIMS], 2, EVERY_ATTACK))
 def test_a_process_that_is_killed_is_replaced(tmp_path: Path, victim: str) -> None:
     """A run goes on after any process of a session is killed, and grades the lost work again."""
     names = NAMES[:3]

@@ -36,6 +36,7 @@ from grader.result import Result, Score
 from grader.submission.extraction import SubmissionSource
 from tests.classroom.small_class import SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, name_of, remains, until
+from tests.thorough import EVERY_ATTACK, part
 
 pytestmark = pytest.mark.live
 
@@ -161,8 +162,7 @@ ELSEWHERE = (
 
 @pytest.mark.parametrize(
     ("alone_s", "third"),
-    [(60.0, "waits to run alone"), (0.0, "waits to run beside few others")],
-    ids=["yes", "no"],
+    part([(60.0, "waits to run alone"), (0.0, "waits to run beside few others")], 2, EVERY_ATTACK),
 )
 def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(
     case: Case, alone_s: float, third: str

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,7 +16,7 @@ from grader.lab.rubric import Rubric
 from grader.live.session.runner import Progress
 from grader.submission.artifacts import read_submission_folder
 from tests.machine import MACHINE, Others, alone
-from tests.thorough import part
+from tests.thorough import EVERY_FIXTURE, part
 
 ROOT = Path(__file__).parents[2]
 #: Most gradings of a fixture; each grading repeats undecided sessions by itself.
@@ -31,10 +30,9 @@ RECORDED = [
     path for path in EVERY if (ROOT / f"tests/teacher_recordings/{path.name}.tar.xz").is_file()
 ]
 #: All of them would take too long for every run: each commit has a part of them, as its name has it.
-ALL = os.environ.get("FIXTURES", "") == "all"
 FIXTURES = [
-    *part([path for path in EVERY if path not in RECORDED], 32, ALL),
-    *part(RECORDED, 40, ALL),
+    *part([path for path in EVERY if path not in RECORDED], 32, EVERY_FIXTURE),
+    *part(RECORDED, 40, EVERY_FIXTURE),
 ]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 from pathlib import Path
@@ -17,7 +16,7 @@ from grader.judging.judge import judge, open_recordings
 from grader.result import CheckResult, Result
 from grader.submission.artifacts import read_submission_folder
 from tests.live.shared_server import scheduler
-from tests.thorough import part
+from tests.thorough import EVERY_FIXTURE, part
 
 pytestmark = pytest.mark.live
 
@@ -34,7 +33,7 @@ DEFECTS = {
     "another gain": ({"GAIN = 0.8": "GAIN = 0.6"}, {"law"}),
 }
 #: The solution, and every second defect; `make fixtures` grades all.
-TRIED = ["solution", *part(list(DEFECTS)[1:], 2, os.environ.get("FIXTURES", "") == "all")]
+TRIED = ["solution", *part(list(DEFECTS)[1:], 2, EVERY_FIXTURE)]
 
 
 def graded(folder: Path, text: str) -> Result:

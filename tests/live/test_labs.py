@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 
@@ -12,7 +11,7 @@ pytest.importorskip("rclpy")
 
 from grader.live.interfaces.build import lacking_toolchain, shipped_for
 from tests.live.sample import ROOT, grade
-from tests.thorough import part
+from tests.thorough import EVERY_FIXTURE, part
 
 pytestmark = pytest.mark.live
 
@@ -33,8 +32,7 @@ def submissions() -> list[tuple[Path, str]]:
 
 
 SUBMISSIONS = submissions()
-ALL = os.environ.get("FIXTURES", "") == "all"
-CHOSEN = part(SUBMISSIONS, 75, ALL)
+CHOSEN = part(SUBMISSIONS, 75, EVERY_FIXTURE)
 #: Most gradings of one submission, each with the repetitions of a grading.
 MOST_GRADINGS = 2
 
@@ -71,7 +69,7 @@ def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-@pytest.mark.parametrize("lab", part(LABS, 2, ALL), ids=lambda path: path.name)
+@pytest.mark.parametrize("lab", part(LABS, 3, EVERY_FIXTURE), ids=lambda path: path.name)
 def test_a_lab_gets_its_verdicts(lab: Path, tmp_path: Path) -> None:
     """`grade selftest` confirms a lab's verdicts, with repetitions of undecided sessions."""
     skip_unless_built(lab)

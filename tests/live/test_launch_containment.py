@@ -26,7 +26,7 @@ from grader.submission.artifacts import read_submission_folder
 from tests.live.shared_server import scheduler
 from tests.live.small_lab import Watch, until
 from tests.regraded import judge_results
-from tests.thorough import part
+from tests.thorough import EVERY_ATTACK, part
 
 pytestmark = pytest.mark.live
 
@@ -114,7 +114,7 @@ MISDEEDS = [
     Misdeed("takes_memory", "hoard = bytearray(2**36)", reason_has="MemoryError"),
 ]
 #: A third of them in every run, others for each commit.
-TRIED = part(MISDEEDS, 7, os.environ.get("ATTACKS") == "all")
+TRIED = part(MISDEEDS, 7, EVERY_ATTACK)
 
 
 def submission_of(misdeed: Misdeed, folder: Path) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from grader.live.sandbox.probing import probe_isolation
-from tests.thorough import part
+from tests.thorough import EVERY_ATTACK, part
 
 ROOT = Path(__file__).resolve().parents[2]
 GRADE = Path(sys.executable).with_name("grade")
@@ -23,10 +22,9 @@ LOW = {"core": 0, "nofile": 64, "nproc": 64, "as": 768 * MIB, "fsize": 16 * MIB,
 #: Limit -> a value with which nothing can be graded.
 TOO_LOW = {"nofile": 24, "nproc": 8, "as": 300 * MIB, "fsize": MIB, "data": 300 * MIB}
 TOO_LOW |= {"cpu": 60, "stack": MIB // 4}
-ALL = os.environ.get("ATTACKS") == "all"
 #: sudo sets the first; of the others a part is tried in every run.
-TRIED = [*list(LOW.items())[:1], *part(list(LOW.items())[1:], 5, ALL)]
-TRIED_TOO_LOW = part(list(TOO_LOW.items()), 3, ALL)
+TRIED = [*list(LOW.items())[:1], *part(list(LOW.items())[1:], 5, EVERY_ATTACK)]
+TRIED_TOO_LOW = part(list(TOO_LOW.items()), 3, EVERY_ATTACK)
 
 pytestmark = pytest.mark.live
 

@@ -16,6 +16,7 @@ from grader.judging.rubrics import read_rubric
 from grader.live.interfaces.build import lacking_toolchain
 from grader.result import Outcome, Result
 from tests.live.shared_server import scheduler
+from tests.thorough import EVERY_FIXTURE, part
 
 pytestmark = [
     pytest.mark.live,
@@ -266,10 +267,14 @@ def test_a_students_own_mistake_costs_its_points(
 
 @pytest.mark.parametrize(
     ("kind", "outcome", "word"),
-    [
-        ("float64", Outcome.PARTIAL, "The type of /count is team_msgs/action/Count"),
-        ("string", Outcome.FAILED, "is of type string, and cannot hold 3"),
-    ],
+    part(
+        [
+            ("float64", Outcome.PARTIAL, "The type of /count is team_msgs/action/Count"),
+            ("string", Outcome.FAILED, "is of type string, and cannot hold 3"),
+        ],
+        2,
+        EVERY_FIXTURE,
+    ),
 )
 def test_an_action_type_of_the_students_own_ends_no_process_of_the_graders(
     kind: str, outcome: Outcome, word: str, tmp_path: Path

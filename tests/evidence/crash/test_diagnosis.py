@@ -605,6 +605,7 @@ def test_who_calls_try_shutdown_is_not_told_to_call_it() -> None:
     assert advisories(lines(overtaken)) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "piece",
     part(

@@ -7,6 +7,7 @@ import sys
 import tempfile
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,18 @@ from grader.recording.session import ProcessRun
 from grader.submission.artifacts import read_submission_folder
 from tests.live.shared_server import fork_server, scheduler
 from tests.live.small_lab import Lab, make_lab, texts
+from tests.thorough import EVERY_ATTACK, part
 
 pytestmark = pytest.mark.live
 
 PYTHON = Path(sys.executable)
 LEVELS = [Level.FULL, Level.NO_CGROUP, Level.REDUCED]
+
+
+def _named(parameter: str | Level) -> str:
+    """Return the name of a parameter in a test's name."""
+    return parameter.value if isinstance(parameter, Level) else parameter
+
 
 #: Prints a JSON object: attempt -> "done" or the error's name.
 TRIES = """
@@ -310,8 +318,11 @@ time.sleep(60)
 }
 
 
-@pytest.mark.parametrize("level", [Level.FULL, Level.NO_CGROUP], ids=lambda level: level.value)
-@pytest.mark.parametrize("place", HIDDEN)
+@pytest.mark.parametrize(
+    ("place", "level"),
+    part([*product(HIDDEN, [Level.FULL, Level.NO_CGROUP])], 2, EVERY_ATTACK),
+    ids=_named,
+)
 def test_memory_is_found_where_one_does_not_look_at_once(
     place: str, level: Level, tmp_path: Path
 ) -> None:
@@ -325,8 +336,9 @@ def test_memory_is_found_where_one_does_not_look_at_once(
     )
 
 
-@pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
-@pytest.mark.parametrize("limit", BOMBS)
+@pytest.mark.parametrize(
+    ("limit", "level"), part([*product(BOMBS, LEVELS)], 4, EVERY_ATTACK), ids=_named
+)
 def test_what_takes_too_much_is_stopped_and_named(limit: str, level: Level, tmp_path: Path) -> None:
     """Memory over several processes, processes, disk, files and output end at their limits, which are named."""
     recorded = run_at(level, tmp_path, BOMBS[limit])
@@ -363,7 +375,7 @@ time.sleep(60)
 """
 
 
-@pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
+@pytest.mark.parametrize("level", part(LEVELS, 3, EVERY_ATTACK), ids=_named)
 def test_only_the_program_that_took_too_much_is_ended(level: Level, tmp_path: Path) -> None:
     """Another one goes on, although it is the larger once the child of the first is dead."""
     steps: list[dict[str, Any]] = [

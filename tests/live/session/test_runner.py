@@ -47,7 +47,7 @@ from tests.live.small_lab import (  # noqa: E402
     texts,
     until,
 )
-from tests.thorough import examples  # noqa: E402
+from tests.thorough import EVERY_ATTACK, examples, part  # noqa: E402
 
 pytestmark = pytest.mark.live
 
@@ -444,7 +444,7 @@ def require_bounded_output(run: ProcessRun, *, flooded: bool) -> None:
         assert kept + run.output_dropped_bytes >= 10_000 * 1024 - 2 * 1024
 
 
-@pytest.mark.parametrize("name", MISBEHAVIOUR)
+@pytest.mark.parametrize("name", part([*MISBEHAVIOUR], 3, EVERY_ATTACK))
 def test_nothing_is_left_of_a_misbehaving_student(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -569,7 +569,9 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
     assert json.loads(result.read_text(encoding="utf-8"))["score"] == whole
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
+@pytest.mark.parametrize(
+    "number", part([signal.SIGINT, signal.SIGTERM], 2, EVERY_ATTACK), ids=lambda number: number.name
+)
 def test_an_interrupted_grader_leaves_all_as_it_was(number: signal.Signals, tmp_path: Path) -> None:
     """Ctrl-C ends the grader with 130 and SIGTERM with 143; no process or folder stays, and an earlier result does."""
     earlier = [
