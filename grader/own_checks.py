@@ -115,6 +115,9 @@ from grader.lab.references import TextField as TextField
 from grader.lab.references import Topic as Topic
 from grader.lab.references import Window as Window
 from grader.lab.references import fields_of_type as fields_of_type
+from grader.lab.steps.get_parameters import ParameterValue as ParameterValue
+from grader.lab.steps.send_goal import Feedback as Feedback
+from grader.lab.steps.send_goal import GoalRecord as GoalRecord
 from grader.result import Finding as Finding
 from grader.result import Location as Location
 from grader.result import Outcome as Outcome

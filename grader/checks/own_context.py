@@ -29,6 +29,7 @@ from grader.evidence.text.printed import (
     reports_of,
 )
 from grader.evidence.text.result_rows import ResultRow, result_rows
+from grader.lab.steps import STEPS
 from grader.lab.steps.call import CallRecord, CallResult
 from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Location
@@ -168,7 +169,19 @@ class Run:
 
 @dataclass(frozen=True)
 class Step:
-    """A finished step: "done", "timeout", "cancelled" or "failed", with its parameters and its results."""
+    """A finished step; times in s since the session's start.
+
+    Attributes
+    ----------
+    outcome : str
+        "done", "timeout", "cancelled" or "failed".
+    parameters, result : mapping
+        Parameters and results as the recording keeps them.
+    given : grader.lab.steps.Step
+        The parameters with their types and defaults, e.g. `given.request` of a `call`.
+    found : grader.lab.steps.base.StepResult
+        The results with their types, e.g. `found.service`; a missing one is None or empty.
+    """
 
     kind: str
     outcome: str
@@ -176,6 +189,8 @@ class Step:
     ended_s: float
     parameters: Mapping[str, Any]
     result: Mapping[str, Any]
+    given: Any
+    found: Any
 
 
 @dataclass(frozen=True)
@@ -374,7 +389,17 @@ class Context(Submission):
             return None
         started_s = self.since_start_s(run.started_ns)
         ended_s = self.since_start_s(run.ended_ns)
-        return Step(run.kind, run.outcome, started_s, ended_s, run.parameters, run.result)
+        model = STEPS[run.kind]
+        return Step(
+            run.kind,
+            run.outcome,
+            started_s,
+            ended_s,
+            run.parameters,
+            run.result,
+            given=model.given(run),
+            found=model.result.of(run),
+        )
 
     def calls(self, step: str) -> tuple[Call, ...]:
         """Return the calls of a `call` step, in their order; none if it was not reached."""

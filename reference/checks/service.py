@@ -19,6 +19,7 @@ from grader.own_checks import (
     GetLabel,
     Location,
     Outcome,
+    ParameterValue,
     Pattern,
     SetLabel,
     Share,
@@ -167,9 +168,9 @@ def _calls_at(context: Context, label: str) -> Location:
     step = context.step(label)
     if step is None:
         return context.location()
-    service = step.result.get("service")
+    service = step.found.service
     if not service:
-        service = step.parameters.get("service")
+        service = step.given.service
     return context.location(service, span_s=(step.started_s, step.ended_s))
 
 
@@ -239,21 +240,17 @@ def _answer_cause(context: Context, label: str | None) -> str | None:
     step = context.step(label)
     if step is None:
         return None
-    request = step.parameters.get("request", {})
-    return answer_cause(step.parameters["service"], request)
+    return answer_cause(step.given.service, step.given.request)
 
 
-def _held(context: Context, label: str | None) -> Mapping[str, Mapping[str, Any]]:
+def _held(context: Context, label: str | None) -> Mapping[str, ParameterValue]:
     """Return type and value of each parameter as a step read it; nothing without the step."""
     if label is None:
         return {}
     step = context.step(label)
     if step is None:
         return {}
-    held: Mapping[str, Mapping[str, Any]] = {}
-    values = step.result.get("values")
-    if values is not None:
-        held = values
+    held: Mapping[str, ParameterValue] = step.found.read
     return held
 
 
@@ -263,9 +260,10 @@ def _mistyped(context: Context, p: CallGated) -> str:
     if setting is None:
         return ""
     held = _held(context, p.read_step)
-    values = setting.parameters.get("values", {})
-    for name, value in values.items():
-        own = held.get(name, {}).get("type", "not set")
+    for name, value in setting.given.values.items():
+        own = "not set"
+        if name in held:
+            own = held[name].type
         wanted = _TYPE_NAMES.get(type(value), own)
         if own not in (wanted, "not set"):
             given = json.dumps(value)
@@ -279,7 +277,7 @@ def _declarations(context: Context, p: CallGated) -> tuple[Location, ...]:
     setting = context.step(p.set_step)
     if setting is None:
         return ()
-    names = "|".join(map(re.escape, setting.parameters.get("values", {})))
+    names = "|".join(map(re.escape, setting.given.values))
     declares = re.compile(rf"declare_parameter\(\s*['\"](?:{names})['\"]")
     found = []
     for path in context.paths:
@@ -297,9 +295,11 @@ def _declarations(context: Context, p: CallGated) -> tuple[Location, ...]:
 def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:
     """Judge a gate without a fault by the name of its parameter."""
     step = context.step(p.set_step)
-    names: Mapping[str, str] = {}
+    names: Mapping[str, str] | None = None
     if step is not None:
-        names = step.result.get("names") or {}
+        names = step.found.names
+    if names is None:
+        return gate.graded(1.0, "")
     for asked, used in names.items():
         reason = f"It refuses by the parameter {used}; with {asked} set to false, it still enables."
         hint = f"Declare the parameter as {asked}."
@@ -313,8 +313,8 @@ def _parameter_cause(step: Step | None) -> str | None:
     """Name the mistake of the parameter set by a step, as the check of the parameters does."""
     if step is None:
         return None
-    for name in step.parameters.get("values", {}):
-        return parameter_cause(step.parameters["node"], name)
+    for name in step.given.values:
+        return parameter_cause(step.given.node, name)
     return None
 
 
@@ -340,9 +340,10 @@ def _was_sent(step: Step | None) -> bool:
     """
     if step is None:
         return False
-    wanted = step.parameters.get("request")
-    sent = step.result.get("request", wanted)
-    return bool(sent == wanted)
+    sent = step.found.request
+    if sent is None:
+        return True
+    return bool(sent == step.given.request)
 
 
 def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
@@ -383,7 +384,7 @@ def _not_set(step: Step | None) -> str:
     if step is None or step.outcome == "done":
         return ""
     problems = []
-    for problem in step.result.get("refused", {}).values():
+    for problem in step.found.reasons.values():
         problems.append(str(problem).rstrip("."))
     unset = "the parameter could not be set while it ran"
     why = "; ".join(problems)
@@ -439,7 +440,7 @@ def _count_wanted(context: Context, p: CallsInTime) -> int:
     step = context.step(p.step)
     if step is None:
         return 1
-    return int(step.parameters.get("repeat", 1))
+    return int(step.given.repeat)
 
 
 @dataclass(frozen=True)

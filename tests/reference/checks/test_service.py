@@ -14,6 +14,8 @@ from tests.synthetic import Session, at, judged, submission
 CALL_GATED = "reference/checks/service.py:call_gated"
 CALLS_IN_TIME = "reference/checks/service.py:calls_in_time"
 NAME = "/robot/enable"
+#: Parameters of the step that sets the gate.
+SWITCHED_OFF = {"node": "/robot", "values": {"safety": False}}
 GATED = {
     "set_step": "off",
     "refused_step": "refuse",
@@ -58,7 +60,7 @@ def gated(
     folder: Path, refuse: bool, recover: bool, from_start: bool, outcome: str = "done"
 ) -> Finding:
     """Judge a node that answers three calls with these."""
-    session = Session(folder).step("set_parameters", "off", outcome)
+    session = Session(folder).step("set_parameters", "off", outcome, parameters=SWITCHED_OFF)
     for label, success in (("refuse", refuse), ("recover", recover), ("from_start", from_start)):
         called(session, label, call(answer(success)))
     return judged(CALL_GATED, GATED, session)
@@ -84,9 +86,8 @@ def test_refusal_and_recovery_are_half_each(
 
 def test_a_parameter_of_another_name_forbids_nothing_by_its_own(tmp_path: Path) -> None:
     """All is right by the other name, and part of the credit is left."""
-    given = {"node": "/robot", "values": {"safety": False}}
     session = Session(tmp_path).step(
-        "set_parameters", "off", "done", parameters=given, names={"safety": "safe"}
+        "set_parameters", "off", "done", parameters=SWITCHED_OFF, names={"safety": "safe"}
     )
     for label, success in (("refuse", False), ("recover", True), ("from_start", False)):
         called(session, label, call(answer(success)))
@@ -104,10 +105,9 @@ def test_a_parameter_of_another_type_forbids_nothing(
     tmp_path: Path, own_type: str, from_start: bool | None, credit: str
 ) -> None:
     """A string cannot be set to false by anybody; one with dynamic typing answers from the start, and is right."""
-    given = {"node": "/robot", "values": {"safety": False}}
     held = {"safety": {"type": own_type, "value": "true"}}
     session = Session(tmp_path).step("get_parameters", "read", values=held)
-    session.step("set_parameters", "off", "done", parameters=given)
+    session.step("set_parameters", "off", "done", parameters=SWITCHED_OFF)
     for label, success in (("refuse", False), ("recover", True)):
         called(session, label, call(answer(success)))
     called(session, "from_start", call(None if from_start is None else answer(from_start)))
@@ -126,7 +126,7 @@ def test_what_must_always_be_possible_is_not_refused(
     tmp_path: Path, success: bool, credit: str
 ) -> None:
     """A robot that cannot be disabled while safety is off endangers as one that can be enabled then."""
-    session = Session(tmp_path).step("set_parameters", "off", "done")
+    session = Session(tmp_path).step("set_parameters", "off", "done", parameters=SWITCHED_OFF)
     for label, answered in (
         ("refuse", False),
         ("disable", success),
