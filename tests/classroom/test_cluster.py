@@ -45,6 +45,7 @@ class Cluster:
     """
 
     address: Path
+    scheduler: subprocess.Popen[bytes]
     workers: list[subprocess.Popen[bytes]]
 
     def grading(self) -> subprocess.Popen[bytes] | None:
@@ -99,7 +100,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
         "--no-dashboard",
     ]
     with ExitStack() as stack:
-        stack.enter_context(running([*dask, *scheduler], folder))
+        started = stack.enter_context(running([*dask, *scheduler], folder))
         until(lambda: is_whole(file), 60)
         workers = [
             stack.enter_context(
@@ -110,7 +111,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
             )
             for name in ("one", "other")
         ]
-        yield Cluster(file, workers)
+        yield Cluster(file, started, workers)
 
 
 def is_whole(file: Path) -> bool:
@@ -162,6 +163,27 @@ def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> No
     require_same_when_judged_here(small)
     status, output, _ = small.grade("--scheduler", str(cluster.address), "--seed", "7")
     assert (status, "3 graded, 3 of them as before" in output) == (0, True)
+
+
+def test_a_lost_scheduler_is_told_and_the_run_continues_without_it(
+    tmp_path: Path, cluster: Cluster
+) -> None:
+    """Submissions under way and waiting are not graded, with that reason; the same command grades them here."""
+    names = ("ann", "bob", "cem", "dan", "eve")
+    small = make_class(tmp_path, dict.fromkeys(names, TALKER))
+    with small.start("--scheduler", str(cluster.address)) as process:
+        until(lambda: small.graded() and cluster.grading(), 120)
+        cluster.scheduler.kill()
+        output, errors = process.communicate(timeout=120)
+    kept = small.graded()
+    reason = "not graded: the connection to the scheduler was lost"
+    lost = {name for name in names if f"{name}: {reason}" in output}
+    assert lost == set(names) - set(kept), output + errors
+    assert output.count("not graded: ") == output.count(reason)
+    assert process.returncode != 0
+    status, output, _ = small.grade()
+    assert status == 0
+    assert f"5 graded, {len(kept)} of them as before" in output
 
 
 def test_problems_come_back_and_ctrl_c_ends(tmp_path: Path, cluster: Cluster) -> None:
