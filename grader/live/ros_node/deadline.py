@@ -16,7 +16,9 @@ class Deadline:
 
     def __init__(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._left_s, self._looked_s = timeout_s, clock()
+        self._looked_s = clock()
+        #: Time left at the last look, in s; not more than 0 if the deadline has passed.
+        self.left_s = timeout_s
         self.stall_s = 0.0
 
     def passed(self) -> bool:
@@ -26,5 +28,5 @@ class Deadline:
         if since_s > _STALL_S and self.stall_s + since_s <= _MOST_LEFT_OUT_S:
             self.stall_s += since_s
         else:
-            self._left_s -= since_s
-        return self._left_s <= 0
+            self.left_s -= since_s
+        return self.left_s <= 0

@@ -29,8 +29,10 @@ from grader.recording.session import (
 from ros_bag.qos import Qos
 from ros_bag.writing import BagWriter
 
-#: Time in s that a look at the graph or a spin takes at most.
+#: Time in s that a spin takes at most.
 _SPIN_S = 0.01
+#: Time in s between two looks at a condition: the graph is looked at half as often.
+_LOOK_S = 0.02
 #: Time in s that a publisher of the grader waits for the subscriptions of the student and of the recorder.
 MATCH_S = 3.0
 #: Time in s that a service may take to come up, or to answer after it left a call unanswered.
@@ -114,13 +116,18 @@ class Probe:
             if spins:
                 self.spin()
             else:
-                time.sleep(_SPIN_S)
+                time.sleep(min(_LOOK_S, deadline.left_s))
                 self.watch.look()
         return True
 
     def wait(self, time_s: float) -> None:
-        """Let time pass; raises Cancelled."""
-        self.until(lambda: False, time_s)
+        """Let time pass, and look at the graph; raises Cancelled."""
+        deadline = Deadline(time_s)
+        while not deadline.passed():
+            if self.cancelled:
+                raise Cancelled
+            time.sleep(min(GraphWatch.PERIOD_S, deadline.left_s))
+            self.watch.look()
 
     def until_up(self, name: str, condition: Callable[[], object], timeout_s: float) -> bool:
         """Wait for something in the graph; briefly if the same wait failed and nothing has changed since."""

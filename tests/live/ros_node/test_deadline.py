@@ -30,3 +30,14 @@ def test_the_time_in_which_nobody_looked_does_not_count() -> None:
 def test_standing_still_is_left_out_up_to_a_limit() -> None:
     """Something that is slow for ever does not wait for ever."""
     assert looks(3.0, 0.0, 9.0, 12.5) == [False, True]
+
+
+def test_the_time_left_is_told() -> None:
+    """A caller sleeps no longer than the time left, which stalls leave as it is."""
+    clock = iter([0.0, 0.1, 5.1, 5.2])
+    deadline = Deadline(0.3, lambda: next(clock))
+    left_s = []
+    for _ in range(3):
+        deadline.passed()
+        left_s.append(round(deadline.left_s, 3))
+    assert left_s == [0.2, 0.2, 0.1]
