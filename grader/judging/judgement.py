@@ -151,6 +151,8 @@ _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.
 #: Types of the topics that every node has.
 _OF_EVERY_NODE = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
 _MESSAGE_TYPE = re.compile(r"\b\w+/msg/\w+")
+#: Hashes of the rubrics for which this process, or one that forked it, is prepared.
+_prepared: set[str] = set()
 
 
 def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
@@ -164,6 +166,8 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     naming_types
         Further files with names of message types, such as a recording of the lab.
     """
+    if rubric.sha256 in _prepared:
+        return
     for module in ("mcap.stream_reader", "numpy.ma"):  # imported where they are first used
         import_module(module)
     _compile_decoders(_message_types(rubric, naming_types))
@@ -171,6 +175,7 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     result = judge(empty, rubric)
     result_of_text(to_json(result))
     report_page(result, empty, rubric)
+    _prepared.add(rubric.sha256)
 
 
 def _message_types(rubric: Rubric, files: Iterable[Path]) -> list[str]:

@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from grader.lab.steps.words import fields
 from grader.report import views
+from grader.report.compiled_templates import CompiledTemplates
 from grader.report.escape import line, shown
 from grader.report.figures.link import percent
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
@@ -36,6 +37,7 @@ def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **
 def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> Template:
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),
+        bytecode_cache=CompiledTemplates(_FOLDER / "__pycache__"),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=_fit_to_show,
