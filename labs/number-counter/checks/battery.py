@@ -27,7 +27,7 @@ class Change:
 
 
 def waits(context: Context, p: Parameters) -> Finding:
-    """The LED is dark until the battery is empty, whose time begins after its program."""
+    """The LED is dark until the battery is empty; the battery starts later than its program."""
     run = context.process(p.process)
     changes = _changes(context, p)
     expected = f"dark for {p.time_s:g} s"
