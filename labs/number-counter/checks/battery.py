@@ -29,9 +29,11 @@ class Change:
 def waits(context: Context, p: Parameters) -> Finding:
     """The LED is dark until the battery is empty; the battery starts later than its program."""
     run = context.process(p.process)
+    if run is None:
+        return not_reached("The battery did not run.")
     changes = _changes(context, p)
     expected = f"dark for {p.time_s:g} s"
-    if run is None or not changes:
+    if not changes:
         return not_reached(f"LED {p.led} never went on.")
     dark_s = changes[0].seen_s - run.started_s
     measured = f"on {dark_s:.1f} s after the start of the program"
@@ -68,7 +70,9 @@ def _changes(context: Context, p: Parameters) -> list[Change]:
     is_on = False
     before_s = 0.0
     for time_s, states in zip(messages.received_s, messages.numbers("states"), strict=True):
-        if states is None or len(states) < p.led:
+        if states is None:
+            continue
+        if len(states) < p.led:
             continue
         if bool(states[p.led - 1]) != is_on:
             is_on = not is_on
