@@ -151,7 +151,7 @@ _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.
 #: Types of the topics that every node has.
 _OF_EVERY_NODE = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
 _MESSAGE_TYPE = re.compile(r"\b\w+/msg/\w+")
-#: Hashes of the rubrics for which this process, or one that forked it, is prepared.
+#: Hashes of prepared rubrics; forked processes inherit them.
 _prepared: set[str] = set()
 
 
