@@ -25,10 +25,10 @@ from grader.evidence.oracle import describe_failure, load_file, load_oracle
 from grader.evidence.recorded import Recorded
 from grader.judging.judge import Recordings, judge, open_recordings
 from grader.judging.judgement import JUDGING_BOUND, judge_recordings
-from grader.lab.kept_lab import files_of, functions_of
+from grader.lab.kept_lab import files_of
 from grader.lab.lab_code import OwnParameters
 from grader.lab.overrides import Overrides
-from grader.lab.rubric import Rubric
+from grader.lab.rubric import Rubric, functions_of
 from grader.lab.steps.start import StartStep
 from grader.lab.yaml_with_lines import Fault, Loc, parse_yaml
 from grader.live.interfaces.build import provide, shipped_for

@@ -424,7 +424,8 @@ class _Integrity:
     def _forged_events(self, nodes: set[str]) -> Iterator[Tampering]:
         events = self.recorded.bag.stream("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
         naming = _naming(events, "node", {node: node for node in nodes})
-        is_naming = np.isin(np.arange(len(events)), list(naming))
+        is_naming = np.zeros(len(events), dtype=bool)
+        is_naming[list(naming)] = True
         changes = events.only(is_naming).field("changed_parameters")
         # A starting node declares its parameters; a grader node changes none of them later.
         rows: dict[int, str] = {}

@@ -6,8 +6,9 @@ import hashlib
 import sys
 import traceback
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 
@@ -35,11 +36,17 @@ def load_file(lab_folder: Path, file: str) -> ModuleType:
         module = sys.modules[name] = ModuleType(name)
         module.__file__ = str(path)
         try:
-            exec(compile(text, file, "exec"), vars(module))
+            exec(compiled(text, file), vars(module))
         except BaseException:
             del sys.modules[name]
             raise
     return sys.modules[name]
+
+
+@lru_cache(maxsize=64)
+def compiled(text: bytes, file: str) -> CodeType:
+    """Return the code of a file of a lab, without executing it; a process that is prepared has it for its forks."""
+    return compile(text, file, "exec")
 
 
 def describe_failure(problem: BaseException, reference: str) -> str:

@@ -491,7 +491,7 @@ class Recorded:
         within_ns = np.minimum(start_ns + length_ns, span.end_ns) - first_ns
         delays_ns = np.minimum(delay_ns, np.maximum(within_ns, 0))
         delay_s = float(delays_ns.sum()) / 1e9
-        if run.role != "student":
+        if run.role != "student" or not delay_s:
             return delay_s
         most_s = self._others_around_s(run, span)
         return max(0.0, min(delay_s - self._unseen_s(span), most_s))
@@ -540,7 +540,7 @@ class Recorded:
             # The threads waited for each other too; others caused the share of time that they had the core.
             others_s *= others_s / max(span.duration_s, others_s)
         stolen = [(sample.t_ns, sample.stolen_ns) for sample in self.record.machine]
-        possible_s = min(delay_s, others_s) + _grown_s(stolen, span)
+        possible_s = min(delay_s, others_s) + _grown_s(_columns(stolen), span)
         return min(max(possible_s, self.stalled_s(span)), idle_s)
 
     def _unseen_s(self, span: Span) -> float:
@@ -548,12 +548,19 @@ class Recorded:
 
         The time is the kernel's count for all student's processes less the time of the known ones; 0 if there is no count.
         """
+        if not self._counted.size:
+            return 0.0
+        return max(0.0, _grown_s(self._counted, span) - self.students_cpu_s(span))
+
+    @functools.cached_property
+    def _counted(self) -> Floats:
+        """The kernel's count of the CPU time of all student's processes, see `_columns`; empty if there is none."""
         counted = []
         for sample in self.record.machine:
             if sample.students_ns is None:
-                return 0.0
+                return _columns([])
             counted.append((sample.t_ns, sample.students_ns))
-        return max(0.0, _grown_s(counted, span) - self.students_cpu_s(span))
+        return _columns(counted)
 
     def _others_s(self, run: ProcessRun, span: Span) -> float:
         """Return the time that programs of others spent on a process's core within a span, in s.
@@ -574,7 +581,7 @@ class Recorded:
             if any(core not in sample.idle_ns for sample in samples):
                 return math.inf
             idle = [(sample.t_ns, sample.idle_ns[core]) for sample in samples]
-            idle_s += _grown_s(idle, span)
+            idle_s += _grown_s(_columns(idle), span)
         cores_used = (None, run.core) if is_held else ()
         own_s = self._own_s(run, span, cores_used)
         busy_s = len(cores) * span.duration_s - idle_s
@@ -593,8 +600,11 @@ class Recorded:
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
-        samples = [(usage.t_ns, usage.cpu_ns) for usage in run.usage]
-        return _grown_s(samples, span)
+        return _grown_s(self._cpu(run), span)
+
+    @functools.cache  # noqa: B019 - see `stream`
+    def _cpu(self, run: ProcessRun) -> Floats:
+        return _columns([(usage.t_ns, usage.cpu_ns) for usage in run.usage])
 
     @property
     def _delayed_runs(self) -> Iterator[ProcessRun]:
@@ -648,7 +658,7 @@ class Recorded:
         waited_s = 0.0
         for run in self.students:
             samples = [(usage.t_ns, usage.run_delay_ns) for usage in run.usage]
-            waited_s += _grown_s(samples, span)
+            waited_s += _grown_s(_columns(samples), span)
         if waited_s >= _CROWD * span.duration_s:
             return True
         return self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
@@ -709,11 +719,17 @@ def clock_step_s(record: SessionRecord, span: Span) -> float:
     return 0.0
 
 
-def _grown_s(samples: Sequence[tuple[int, int]], span: Span) -> float:
-    """Return the growth of a counter in ns within a span, in s, interpolated between its samples (time, value)."""
-    if not samples:
+def _columns(samples: Sequence[tuple[int, int]]) -> Floats:
+    """Return samples of a counter as two rows: times in ns, and values in ns."""
+    columns: Floats = np.array(samples, dtype=np.float64).reshape(-1, 2).T
+    return columns
+
+
+def _grown_s(columns: Floats, span: Span) -> float:
+    """Return the growth of a counter within a span, in s, interpolated between its samples, see `_columns`."""
+    if not columns.size:
         return 0.0
-    times, values = np.array(samples, dtype=np.float64).T
+    times, values = columns
     before, after = np.interp([span.start_ns, span.end_ns], times, values)
     return float(after - before) / 1e9
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from grader.bounded import Bound, in_process
 from grader.errors import BoundError
+from grader.evidence.oracle import compiled
 from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
@@ -171,6 +172,7 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     for module in ("mcap.stream_reader", "numpy.ma"):  # imported where they are first used
         import_module(module)
     _compile_decoders(_message_types(rubric, naming_types))
+    _compile_functions(rubric)
     empty = Recordings(_empty_submission(rubric), {})
     result = judge(empty, rubric)
     result_of_text(to_json(result))
@@ -194,6 +196,15 @@ def _compile_decoders(types: Iterable[str]) -> None:
         with suppress(DefinitionNotFound):
             message = (b"\0\1\0\0",)
             _ = Stream("", name, none, none, none, message, definition_of(name)).messages
+
+
+def _compile_functions(rubric: Rubric) -> None:
+    """Compile the files with the functions of a lab's checks and figures, without executing them."""
+    functions = rubric.functions + rubric.functions_of_figures
+    for file in dict.fromkeys(function.partition(":")[0] for function in functions):
+        # A mistake is reported by the check that needs the file.
+        with suppress(OSError, SyntaxError, ValueError):
+            compiled((rubric.folder / file).read_bytes(), file)
 
 
 def _empty_submission(rubric: Rubric) -> SubmissionRecord:

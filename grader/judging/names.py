@@ -20,7 +20,7 @@ def names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
     references = [reference.node for reference in rubric.reference.values()]
     taken = {each.name for each in sought}
     taken.update(recorded.awaited, recorded.record.names.values())
-    missing = _missing(recorded, rubric)
+    missing = rubric.names_in_checks - _in_graph(recorded)
     found: dict[str, str] = {}
     for each in sorted(sought):
         candidates = set()
@@ -44,16 +44,6 @@ def _sought(recorded: Recorded, rubric: Rubric) -> set[Sought]:
         if spec.session == recorded.record.session:
             found.update(each for each in spec.given.sought() if each.type is not None)
     return found
-
-
-def _missing(recorded: Recorded, rubric: Rubric) -> set[str]:
-    """Return the names in the checks of a lab that nothing in the graph of a session has, nor a misspelt one."""
-    named: set[str] = set()
-    for spec in rubric.checks():
-        named.update(spec.given.references().names)
-        for each in spec.given.sought():
-            named.add(each.name)
-    return named - _in_graph(recorded)
 
 
 def _in_graph(recorded: Recorded) -> set[str]:

@@ -11,14 +11,11 @@ import functools
 import hashlib
 import json
 import os
-import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import yaml
-from pydantic import BaseModel
 
 import grader
 from grader import yaml_text
@@ -31,8 +28,6 @@ from ros_bag.interfaces import read_folder
 RUBRIC_FILE = "rubric.yaml"
 #: Folder beside the copy of a rubric for its files, with their paths beside the rubric itself.
 KEPT = "rubric.files"
-#: `file.py:name`, as a whole value in JSON.
-_FUNCTION = re.compile(r'"([^"\\]+\.py:\w+)"')
 
 
 def lab_folder() -> Path:
@@ -68,13 +63,11 @@ def is_shipped(rubric: Path) -> bool:
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
     """Return the files beside a rubric that it names: programs, oracles and checks of its own, interfaces."""
-    parts: list[Any] = [*rubric.reference.values(), *rubric.checks()]
+    functions = rubric.functions
     if figures:
-        for criterion in (*rubric.criteria, *rubric.bonus):
-            parts += criterion.figures
+        functions += rubric.functions_of_figures
     files = [spec.file for spec in rubric.reference.values()]
-    for part in parts:
-        files += [function.partition(":")[0] for function in functions_of(part)]
+    files += [function.partition(":")[0] for function in functions]
     files += interface_files(rubric)
     return list(dict.fromkeys(files))
 
@@ -86,11 +79,6 @@ def interface_files(rubric: Rubric) -> list[str]:
         if folder is not None:
             found += [f"{folder}/{name}" for name in read_folder(rubric.folder / folder)]
     return found
-
-
-def functions_of(part: BaseModel) -> list[str]:
-    """Return the functions and classes, "file.py:name", in a reference node, a check or a figure."""
-    return _FUNCTION.findall(part.model_dump_json(exclude={"title", "hint"}))
 
 
 def files_of(rubric: Rubric) -> dict[str, str]:

@@ -10,7 +10,7 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -314,6 +314,7 @@ def model_at(folder: Path, check: str) -> type[Parameters]:
     return _model_of_check(definition_in(folder, check))
 
 
+@lru_cache(maxsize=64)
 def _model_of_check(found: Definition) -> type[Parameters]:
     _, given = _signature(found)
     if not given:

@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin
@@ -27,11 +27,11 @@ from pydantic import (
     StringConstraints,
     ValidationInfo,
     WithJsonSchema,
-    field_validator,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
+from pydantic_core.core_schema import with_info_after_validator_function
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Fault, Loc, Strict, mistakes_at, suggestion
@@ -69,14 +69,16 @@ class Parameters(Strict):
     #: Alternative keys; exactly one of them must be given.
     exactly_one: ClassVar[tuple[str, ...]] = ()
 
-    @field_validator("*", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _lists_are_tuples(cls, value: Any, info: ValidationInfo) -> Any:
-        if "tuple[" not in str(cls.model_fields[str(info.field_name)].annotation):
-            return value
-        if isinstance(value, dict):
-            return {key: _frozen(inner) for key, inner in value.items()}
-        return _frozen(value)
+    def _lists_are_tuples(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        keys = _keys_of_tuples(cls)
+        frozen = dict(values)
+        for key in keys.intersection(values):
+            frozen[key] = _with_tuples(values[key])
+        return frozen
 
     @model_validator(mode="after")
     def _one_is_given(self) -> Parameters:
@@ -177,6 +179,23 @@ def _mapping_referring(kind: Any, value: Mapping[str, Any]) -> Iterator[tuple[Re
     for key, inner in value.items():
         yield from _referring(arguments[0], key)
         yield from _referring(arguments[1], inner)
+
+
+@cache
+def _keys_of_tuples(model: type[Parameters]) -> frozenset[str]:
+    """Return the keys of a model's fields that hold tuples, each also by its name."""
+    found: set[str] = set()
+    for name, field_info in model.model_fields.items():
+        if "tuple[" in str(field_info.annotation):
+            found.update((name, field_info.alias or name))
+    return frozenset(found)
+
+
+def _with_tuples(value: Any) -> Any:
+    """Return a list, or each list in a mapping, as a tuple."""
+    if isinstance(value, dict):
+        return {key: _frozen(inner) for key, inner in value.items()}
+    return _frozen(value)
 
 
 def _frozen(value: Any) -> Any:
@@ -356,7 +375,8 @@ class Reference:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        return AfterValidator(self._check).__get_pydantic_core_schema__(source, handler)
+        # An `AfterValidator` would inspect the signature for each field.
+        return with_info_after_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -758,7 +778,7 @@ def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
     one_of(value, "file", _beside(scope, value), " beside the rubric")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Definition:
     """A function or class of a Python file beside the rubric, and all functions and classes of the file, by name."""
 
@@ -780,16 +800,16 @@ def definition_in(folder: Path, value: str) -> Definition:
         found = _definitions((folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is not valid Python: {problem}") from problem
-    return Definition(found[one_of(name, "function or class", found, f" in {file}")], found)
+    return found[one_of(name, "function or class", found, f" in {file}")]
 
 
 @lru_cache(maxsize=32)
-def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
+def _definitions(source: bytes) -> dict[str, Definition]:
     found: dict[str, ast.FunctionDef | ast.ClassDef] = {}
     for node in ast.parse(source).body:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             found[node.name] = node
-    return found
+    return {name: Definition(node, found) for name, node in found.items()}
 
 
 def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:

@@ -6,11 +6,13 @@ The rubric contains all facts about a lab: names, rates, steps and points. The g
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
@@ -66,6 +68,8 @@ from ros_bag.interfaces import InterfacePackage
 
 #: `file.py:function`, beside the rubric.
 _OWN_PATTERN = r"\.py:\w+$"
+#: `file.py:name`, as a whole value in JSON.
+_FUNCTION = re.compile(r'"([^"\\]+\.py:\w+)"')
 #: The check that a person makes.
 BY_PERSON = "person"
 #: Parameters of this check beside `by: person`.
@@ -556,6 +560,28 @@ class Rubric(RubricFile):
         """Hash of the rubric's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
+    @cached_property
+    def functions(self) -> tuple[str, ...]:
+        """Functions and classes, "file.py:name", in reference nodes and checks."""
+        return _functions_in((*self.reference.values(), *self.checks()))
+
+    @cached_property
+    def functions_of_figures(self) -> tuple[str, ...]:
+        """Functions, "file.py:name", in figures."""
+        figures: list[FigureSpec] = []
+        for criterion in (*self.criteria, *self.bonus):
+            figures += criterion.figures
+        return _functions_in(figures)
+
+    @cached_property
+    def names_in_checks(self) -> frozenset[str]:
+        """Names in the ROS graph that checks refer to or seek."""
+        found: set[str] = set()
+        for spec in self.checks():
+            found.update(spec.given.references().names)
+            found.update(each.name for each in spec.given.sought())
+        return frozenset(found)
+
     @property
     def interface_packages(self) -> list[InterfacePackage]:
         """The lab's own messages, services and actions."""
@@ -565,6 +591,15 @@ class Rubric(RubricFile):
         """Yield all checks, in the rubric's order, bonus checks last."""
         for criterion in (*self.criteria, *self.bonus):
             yield from criterion.checks
+
+
+def functions_of(part: BaseModel) -> list[str]:
+    """Return the functions and classes, "file.py:name", in a reference node, a check or a figure."""
+    return _FUNCTION.findall(part.model_dump_json(exclude={"title", "hint"}))
+
+
+def _functions_in(parts: Iterable[BaseModel]) -> tuple[str, ...]:
+    return tuple(chain.from_iterable(map(functions_of, parts)))
 
 
 def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
-from ros_bag.fields import NoSuchField, holds_numbers, is_number, numbers_in, type_at
+from ros_bag.fields import (
+    PACKAGES_OF_ROSBAGS,
+    NoSuchField,
+    holds_numbers,
+    is_number,
+    numbers_in,
+    type_at,
+)
 
 POINT = "geometry_msgs/msg/Point"
 
@@ -63,3 +71,9 @@ def test_texts_and_messages_are_no_numbers() -> None:
     """A type is a number by its spelling, with all lengths of integers and floats."""
     assert all(map(is_number, ("int8", "uint64", "float32", "double", "byte", "char")))
     assert not any(map(is_number, ("string", "float64[]", POINT)))
+
+
+def test_the_packages_of_rosbags_are_listed() -> None:
+    """A type of another package is looked up without the descriptions of `rosbags`."""
+    known = get_typestore(Stores.ROS2_JAZZY).fielddefs
+    assert {name.partition("/")[0] for name in known} == PACKAGES_OF_ROSBAGS

@@ -11,6 +11,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import regex
 
@@ -131,18 +132,7 @@ class Terms:
     @classmethod
     def of(cls, terms: Iterable[str], ending: int | None = None) -> Terms:
         """Return terms from their spellings; up to `ending` letters may follow each, or any number."""
-        unique = {fold(term).strip() for term in terms}
-        shapes: dict[tuple[str, str], list[str]] = {}
-        for term in sorted(unique, key=lambda term: (-len(term), term)):
-            if term.strip("*$ \t\n_-"):
-                bodies = shapes.setdefault(_surroundings(term, ending), [])
-                bodies.append(_body(term))
-        # Terms of one shape share their surroundings, because a class of letters takes `re` about 6 ms to compile.
-        patterns = []
-        for (before, after), bodies in shapes.items():
-            choices = "|".join(bodies)
-            patterns.append(f"{before}(?:{choices}){after}")
-        return cls(regex.compile("|".join(patterns) or r"(?!)"))
+        return _terms_of(tuple(terms), ending)
 
     def count(self, text: str) -> int:
         """Return the number of occurrences of terms in a text."""
@@ -160,6 +150,23 @@ class Terms:
     def without(self, text: str) -> str:
         """Return the folded text with every term blanked out, to the end of its word."""
         return self.pattern.sub(" ", fold(text))
+
+
+# Submissions of a lab are read by the same terms, and compiling them takes a tenth of judging.
+@lru_cache(maxsize=256)
+def _terms_of(terms: tuple[str, ...], ending: int | None) -> Terms:
+    unique = {fold(term).strip() for term in terms}
+    shapes: dict[tuple[str, str], list[str]] = {}
+    for term in sorted(unique, key=lambda term: (-len(term), term)):
+        if term.strip("*$ \t\n_-"):
+            bodies = shapes.setdefault(_surroundings(term, ending), [])
+            bodies.append(_body(term))
+    # Terms of one shape share their surroundings, because a class of letters takes `re` about 6 ms to compile.
+    patterns = []
+    for (before, after), bodies in shapes.items():
+        choices = "|".join(bodies)
+        patterns.append(f"{before}(?:{choices}){after}")
+    return Terms(regex.compile("|".join(patterns) or r"(?!)"))
 
 
 _JOINED = "\u0590-\u08ff\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u2e80-\U0003ffff"

@@ -14,6 +14,7 @@ from grader.evidence.text.words import (
     sentences,
     substance,
 )
+from tests.counted import calls_of
 
 PATTERNS = (r"^\W*todo\b",)
 
@@ -128,3 +129,9 @@ def test_nothing_raises_on_any_text(text: str, terms: list[str]) -> None:
     assert Terms.of(terms).count(text) >= 0
     assert is_placeholder(text, PATTERNS) in (True, False)
     assert "".join(sentences(text)) is not None
+
+
+def test_the_terms_of_a_lab_are_compiled_once() -> None:
+    """All submissions of a class are read by the same terms."""
+    Terms.of(["reliable", "best effort"], 2)
+    assert calls_of(lambda: Terms.of(["reliable", "best effort"], 2)) < 10
