@@ -173,7 +173,10 @@ class ReportingPublisher:
 
     def publish(self, message: Any) -> None:
         """Publish a message."""
-        data = self._serialize(message)
+        self.publish_serialized(self._serialize(message))
+
+    def publish_serialized(self, data: bytes) -> None:
+        """Publish the serialized bytes of a message."""
         self._digests.append(digest(data))
         self._publisher.publish(data)
 

@@ -13,8 +13,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
-from arm import COMMANDED_TOPIC, LOOKS, MEASURED_TOPIC, ArmSettings, CommandInput
-from arm_model import ArmModel
+from arm import COMMANDED_TOPIC, LOOKS, MEASURED_TOPIC, ArmSettings, CommandInput, Drawing, marker
+from arm_model import CHAIN, ArmModel
 
 from tests.reference.live_graph import Listener, listener, started, stop, use_private_graph
 
@@ -48,6 +48,22 @@ def test_a_step_is_one_clock_message_or_one_state() -> None:
         4,
         8,
     )
+
+
+@pytest.mark.parametrize("topic", LOOKS)
+def test_a_drawing_is_the_marker_serialized(topic: str) -> None:
+    """A drawing is byte for byte the message with the same stamp and points."""
+    serialization = pytest.importorskip("rclpy.serialization", reason="needs the ROS wheels")
+    drawing = Drawing(topic)
+    for shift in (0.25, -3.5):
+        points = [(number + shift, -number, shift) for number in range(len(CHAIN))]
+        message = marker(topic)
+        message.header.stamp.sec, message.header.stamp.nanosec = 12, 345_678_901
+        for point, place in zip(message.points, points, strict=True):
+            point.x, point.y, point.z = map(float, place)
+        assert drawing.serialized(points, 12_345_678_901) == serialization.serialize_message(
+            message
+        )
 
 
 def test_malformed_commands_are_ignored_and_counted() -> None:
