@@ -8,16 +8,16 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/grader
-COPY pyproject.toml constraints.txt README.md rubric.yaml rubric.schema.json ./
+COPY LICENSE README.md constraints.txt pyproject.toml rubric.schema.json rubric.yaml ./
 COPY confine confine
 COPY grader grader
+COPY labs labs
 COPY launch_plan launch_plan
 COPY reference reference
 COPY ros_bag ros_bag
-# Apart from the interpreter's folder, of which students' code may read all.
-COPY labs /opt/grade-labs
+COPY submissions/alice submissions/alice
 RUN python3 -m venv /opt/venv \
- && /opt/venv/bin/python -m pip install --no-cache-dir --disable-pip-version-check -c constraints.txt . \
+ && /opt/venv/bin/python -m pip install --no-cache-dir --disable-pip-version-check -c constraints.txt '.[desk,mujoco,scipy]' \
  && find /opt/venv -name '__pycache__' -prune -exec rm -rf {} + \
  && /opt/venv/bin/python -m compileall -q /opt/venv/lib
 

@@ -3,8 +3,7 @@
 #
 #   install.sh SOURCE
 #
-# It goes to /opt/grade and belongs to root, so that no student's code can change it. The labs besides the one that travels
-# with it go to /opt/grade-labs: below /opt/grade, with the interpreter, students' code could read their solutions.
+# It goes to /opt/grade and belongs to root, so that no student's code can change it.
 set -euo pipefail
 source=$(realpath -- "$1")
 # The working folder of a job is a submission, whose modules Python would import.
@@ -22,6 +21,4 @@ python3 -I -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
 }
 as_root python3 -I -m venv /opt/grade
 as_root /opt/grade/bin/python -I -m pip install --quiet --disable-pip-version-check --no-cache-dir \
-  --constraint "$source/constraints.txt" "$source"
-as_root rm -rf /opt/grade-labs
-as_root cp -R "$source/labs" /opt/grade-labs
+  --constraint "$source/constraints.txt" "${source}[desk,mujoco,scipy]"

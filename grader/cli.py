@@ -18,15 +18,8 @@ from confine.priority import going_first
 from grader.commands import COMMANDS
 from grader.commands.usage import WrongUsage
 from grader.errors import GraderError, PlatformError, UsageError, described
+from grader.extras import EXTRAS, missing_extra
 from grader.plain_output import write_to_any_terminal
-
-_EXIT_STATUS = """\
-exit status:
-  0  graded, whatever the score    1  below --fail-under         2  wrong usage
-  3  no usable submission          4  rubric or overrides wrong  5  platform not supported
-  6  recording not readable        7  code cannot be confined    70 other trouble
-  130 interrupted                  of several submissions: the highest
-"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,11 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return GraderError.exit_status
     except (GraderError, OSError) as error:
-        # Imported late, because its imports take a fifth of a second.
-        from grader.commands.arguments import print_error
-
-        print_error(described(error))
-        return described(error).exit_status
+        return _print_error(described(error))
     except KeyboardInterrupt as interrupt:
         print(
             f"grade: interrupted; there is no result of this submission\n  {interrupt}".rstrip(),
@@ -55,12 +44,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 130
     except Exception as error:
-        traceback.print_exc()
-        return _report_defect(error)
+        return _report_unexpected(error)
 
 
-def _report_defect(error: Exception) -> int:
-    """Explain an unexpected exception; return the exit status."""
+def _print_error(error: GraderError) -> int:
+    """Print an error; return its exit status."""
+    # Imported late, because its imports take a fifth of a second.
+    from grader.commands.arguments import print_error
+
+    print_error(error)
+    return error.exit_status
+
+
+def _report_unexpected(error: Exception) -> int:
+    """Explain an exception: a missing extra, a limit of the machine, or a defect; return the exit status."""
+    if isinstance(error, ModuleNotFoundError):
+        if error.name in EXTRAS:
+            return _print_error(missing_extra(error.name))
+    traceback.print_exc()
     limit = limit_behind(f"{type(error).__name__}: {error}")
     if limit is not None:
         print(f"grade: {limit.present}, which can be the cause\n  {limit.remedy}", file=sys.stderr)
@@ -143,7 +144,7 @@ def _grade(arguments: list[str], console: Console) -> int:
     try:
         with going_first():
             grade = importlib.import_module("grader.commands.grade")
-            return int(grade.run(arguments, console, epilog=_epilog()))
+            return int(grade.run(arguments, console))
     except WrongUsage as usage:
         usage.print()
         raise
@@ -163,12 +164,6 @@ def _discard_output() -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)
-
-
-def _epilog() -> str:
-    width = max(map(len, COMMANDS))
-    lines = [f"  grade {name:<{width}}  {text}" for name, text in COMMANDS.items()]
-    return "other commands (each with --help):\n" + "\n".join(lines) + "\n\n" + _EXIT_STATUS
 
 
 if __name__ == "__main__":

@@ -34,7 +34,8 @@ examples:
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     parser = parser_of("grade appeal", _DESCRIPTION, _EPILOG)
     parser.add_argument(
         "results",
@@ -77,7 +78,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.report.views import anchor
     from grader.result_folder import RECORDINGS
 
-    options = _parser().parse_args(arguments)
+    options = make_parser().parse_args(arguments)
     folder = options.results.resolve()
     desk = desk_of(folder.parent, options.rubric, options.overrides, options.who, "appeal")
     before = _check_of(desk, folder, options.check)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import errno
 import os
 import sys
@@ -16,8 +17,10 @@ from rich.console import Console
 from rich.text import Text
 
 from grader.commands.usage import Parser
-from grader.errors import GraderError, PlatformError, RubricError
+from grader.errors import GraderError, PlatformError, RubricError, UsageError
 from grader.lab.kept_lab import RUBRIC_FILE
+from grader.lab.shipped_labs import shipped_labs
+from grader.lab.yaml_with_lines import meant
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
@@ -30,10 +33,15 @@ BELOW = 1
 _TRUE = ("1", "true", "yes")
 
 
-def parser_of(command: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
-    """Return the parser of a command; its help keeps the line breaks of description and epilog."""
+def parser_of(
+    command: str, description: str, epilog: str = "", examples: str = ""
+) -> argparse.ArgumentParser:
+    """Return the parser of a command; its help keeps the line breaks of description, epilog and examples."""
     form = argparse.RawDescriptionHelpFormatter
-    return Parser(prog=command, description=description, epilog=epilog, formatter_class=form)
+    parser = Parser(prog=command, description=description, epilog=epilog, formatter_class=form)
+    if examples:
+        parser.examples = f"examples:\n{examples}\n"
+    return parser
 
 
 def as_sentence(words: str) -> str:
@@ -48,14 +56,14 @@ def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = 
 
 def add_lab(parser: _ActionsContainer, words: str) -> None:
     """Add `--lab`, also called `--rubric`: a lab's folder, or a rubric."""
-    words = f"folder of a lab, or its rubric.yaml ({words})"
+    words = f"name of a shipped lab, folder of a lab, or its rubric.yaml ({words})"
     parser.add_argument(
         "--lab", "--rubric", dest="rubric", action=_NameLab, metavar="LAB", help=words
     )
 
 
 class _NameLab(argparse.Action):
-    """Stores the path of the rubric; raises RubricError with the option's name if the file is missing."""
+    """Stores the path of the rubric; raises RubricError with the option's name if there is no such lab."""
 
     def __call__(
         self,
@@ -67,7 +75,8 @@ class _NameLab(argparse.Action):
         path = rubric_path(str(values))
         if not path.exists():
             reason = os.strerror(errno.ENOENT)
-            remedy = f"Check {option_string}."
+            near = meant(str(values), list(shipped_labs()))
+            remedy = f"Check {option_string}{near or '.'} `grade lab list` names the shipped labs."
             raise RubricError(
                 "the rubric cannot be read", [reason], location=str(path), remedy=remedy
             )
@@ -75,11 +84,35 @@ class _NameLab(argparse.Action):
 
 
 def rubric_path(text: str) -> Path:
-    """Return the path of a rubric, given by itself or by its folder."""
+    """Return the path of a rubric, given by the name of a shipped lab, by its folder, or by itself.
+
+    The name counts first: in a CI job, the working folder is a student's, and can have a folder of that name.
+    """
     path = Path(text)
+    shipped = shipped_labs().get(text)
+    if shipped is not None:
+        if path.exists():
+            print(
+                f"grade: {text!r} is the shipped lab here. The folder of this name: ./{text}",
+                file=sys.stderr,
+            )
+        path = shipped
     if path.is_dir():
         return path / RUBRIC_FILE
     return path
+
+
+def require_unused(folder: Path) -> None:
+    """Raise UsageError if a folder exists and is not empty."""
+    is_used = folder.exists()
+    if folder.is_dir():
+        is_used = any(folder.iterdir())
+    if is_used:
+        raise UsageError(
+            "this folder exists and is not empty",
+            location=str(folder),
+            remedy="Name another folder.",
+        )
 
 
 def add_flag(parser: _ActionsContainer, option: str, words: str) -> None:
@@ -92,14 +125,14 @@ def add_jobs(parser: _ActionsContainer, words: str) -> None:
     parser.add_argument("-j", "--jobs", type=count, metavar="N", help=words)
 
 
-def add_fail_under(parser: argparse.ArgumentParser) -> None:
+def add_fail_under(parser: _ActionsContainer) -> None:
     """Add `--fail-under`."""
     parser.add_argument(
         "--fail-under", type=points, metavar="N", help="exit with 1 if a score is below N points"
     )
 
 
-def add_isolation(parser: argparse.ArgumentParser) -> None:
+def add_isolation(parser: _ActionsContainer) -> None:
     """Add `--require-isolation` and `--trust-code`."""
     parser.add_argument(
         "--require-isolation",
@@ -183,6 +216,18 @@ def print_error(error: GraderError) -> None:
         print(f"  {terminal_text(mistake)}", file=sys.stderr)
     if error.remedy:
         print(f"  {terminal_text(error.remedy)}", file=sys.stderr)
+    for near in _near_paths(Path(error.location)):
+        print(f"  Did you mean {terminal_text(str(near))}?", file=sys.stderr)
+
+
+def _near_paths(path: Path) -> list[Path]:
+    """Return an existing path with a similar name for a missing one, e.g. `results/alice` for `results/alcie`."""
+    if os.path.lexists(path):
+        return []
+    beside: list[str] = []
+    with suppress(OSError):
+        beside = [entry.name for entry in path.parent.iterdir()]
+    return [path.with_name(name) for name in difflib.get_close_matches(path.name, beside, n=1)]
 
 
 def each(

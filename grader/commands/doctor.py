@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import asdict
 
 from rich.console import Console
 from rich.text import Text
 
 from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_for, parser_of
+from grader.doctor.status import Status, Verdict, status_of_limits
 from grader.report.escape import terminal_text
-
-if TYPE_CHECKING:
-    from grader.doctor.status import Status
 
 #: Exit status if this machine cannot grade.
 _UNFIT = 1
 _STYLES = {"PASS": "green", "WARNING": "yellow", "FAIL": "red"}
 
 
-def run(arguments: Sequence[str], console: Console) -> int:
-    """Examine the machine; returns the exit status."""
-    from grader.doctor.status import Verdict, status_of_limits
-
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     words = "Examine this machine: can it grade, how well does it confine students' code, how busy is it?"
     parser = parser_of(
         "grade doctor",
@@ -45,20 +41,32 @@ def run(arguments: Sequence[str], console: Console) -> int:
         "also grade the lab's solution, and report which checks this machine can decide",
     )
     add_lab(parser, "for --calibrate; default: the lab shipped with grade")
-    options = parser.parse_args(arguments)
-    interpreter = interpreter_for(options.python, options.rubric)
-    limits = status_of_limits()
-    _print(limits, console)
-    if limits.verdict is Verdict.FAIL:  # A limit on memory prevents the imports below.
-        return _UNFIT
+    add_flag(parser, "--json", "print JSON")
+    return parser
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Examine the machine; returns the exit status."""
+    options = make_parser().parse_args(arguments)
     verdicts = []
-    for status in _statuses(interpreter, options):
+    statuses = []
+    for status in _statuses(options):
         verdicts.append(status.verdict)
-        _print(status, console)
+        if options.json:
+            statuses.append(asdict(status))
+        else:
+            _print(status, console)
+    if options.json:
+        print(json.dumps(statuses, indent=1))
     return _UNFIT if Verdict.FAIL in verdicts else 0
 
 
-def _statuses(interpreter: Path, options: argparse.Namespace) -> Iterator[Status]:
+def _statuses(options: argparse.Namespace) -> Iterator[Status]:
+    interpreter = interpreter_for(options.python, options.rubric)
+    limits = status_of_limits()
+    yield limits
+    if limits.verdict is Verdict.FAIL:  # A limit on memory prevents the imports below.
+        return
     from grader.doctor.examination import calibrate, examine
     from grader.doctor.ros_prefix import examine_ros
     from grader.judging import rubrics

@@ -27,6 +27,8 @@ from grader.result import load_result
 from grader.result_folder import RESULT_FILE
 
 if TYPE_CHECKING:
+    from argparse import _ActionsContainer
+
     from grader.cohort.entries import ClassEntry
 
 #: Maximum number of submissions named in a note.
@@ -40,7 +42,7 @@ example:
 
 
 def add_exports(
-    parser: argparse.ArgumentParser,
+    parser: _ActionsContainer,
     option: str,
     forms: Forms = EXPORTS,
 ) -> None:
@@ -87,7 +89,8 @@ def _address(text: str) -> str:
     return text
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     forms: dict[str, Forms] = {
         "forms of a submission": EXPORTS,
         "forms of a class": CLASS_EXPORTS,
@@ -134,7 +137,7 @@ def _list_of(title: str, forms: Forms) -> str:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write the exports; returns the exit status."""
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(arguments)
     targets = _targets(parser, options)
     if targets[0].name in CLASS_EXPORTS:

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.text import Text
 
 from grader import __version__
-from grader.commands import COMMANDS
+from grader.commands import COMMANDS, GROUPS
 from grader.commands.arguments import (
     BELOW,
     add_fail_under,
@@ -37,6 +37,7 @@ from grader.commands.arguments import (
 from grader.commands.export import add_exports
 from grader.commands.usage import WrongUsage
 from grader.errors import GraderError, UsageError
+from grader.lab.shipped_labs import require_extras
 from grader.recording.submission import SUBMISSION_FILE
 from grader.result_folder import EXPORTED, HISTORY, RECORDINGS
 from grader.submission.file_names import is_packed
@@ -48,6 +49,7 @@ from grader.submission.separation import (
 )
 
 if TYPE_CHECKING:
+    from argparse import _ActionsContainer
     from decimal import Decimal
 
     from confine.isolation import Isolation
@@ -64,6 +66,18 @@ _INTERRUPTED = 130
 #: Maximum number of files that are listed because they belong to no submission.
 _MOST_LISTED = 10
 
+EXIT_STATUS = """\
+exit status:
+  0  graded, whatever the score    1  below --fail-under         2  wrong usage
+  3  no usable submission          4  rubric or overrides wrong  5  platform not supported
+  6  recording not readable        7  code cannot be confined    70 other trouble
+  130 interrupted                  of several submissions: the highest
+"""
+EXAMPLES = """\
+  grade submissions/alice        grade a submission; its report: results/alice/report.html
+  grade submissions/             grade a class; again: continue, and grade changed submissions
+  grade --lab NAME submissions/  grade by another lab; `grade lab list` names them
+"""
 _DESCRIPTION = """\
 Grade ROS 2 lab submissions on a live ROS graph.
 
@@ -73,8 +87,10 @@ results of unchanged submissions.
 """
 
 
-def _parser(epilog: str) -> argparse.ArgumentParser:
-    parser = parser_of("grade", _DESCRIPTION, epilog)
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of a grading."""
+    epilog = f"{_list_of_commands()}\n{EXIT_STATUS}"
+    parser = parser_of("grade", _DESCRIPTION, epilog, EXAMPLES)
     parser.add_argument(
         "submissions",
         nargs="+",
@@ -82,7 +98,41 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         metavar="PATH",
         help="a submission, or a folder of submissions",
     )
-    parser.add_argument(
+    parser.add_argument("--version", action="version", version=f"grade {__version__}")
+    _add_grading(parser.add_argument_group("grading"))
+    _add_results(parser.add_argument_group("results"))
+    _add_class(parser)
+    _add_students_code(parser.add_argument_group("students' code"))
+    return parser
+
+
+def _list_of_commands() -> str:
+    """List the other commands by group, a line each."""
+    width = max(map(len, COMMANDS))
+    lines = []
+    for title, commands in GROUPS.items():
+        lines.append(f"commands for {title} (each with --help):")
+        lines += [f"  grade {name:<{width}}  {text}" for name, text in commands.items()]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _add_grading(group: _ActionsContainer) -> None:
+    add_lab(group, "default: the lab shipped with grade")
+    group.add_argument(
+        "--sessions",
+        type=_names,
+        metavar="A,B",
+        help="sessions of the rubric to run (default: all)",
+    )
+    overrides = "file of manual decisions, see `grade regrade --help` (default: overrides.yaml in the results folder)"
+    add_path(group, "--overrides", overrides)
+    group.add_argument("--seed", type=int, help="seed of the random stimuli (default: a new one)")
+    add_jobs(group, "number of sessions side by side (default: depends on the number of cores)")
+
+
+def _add_results(group: _ActionsContainer) -> None:
+    group.add_argument(
         "-o",
         "--output",
         type=Path,
@@ -90,37 +140,26 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         metavar="DIR",
         help="folder for the results (default: results)",
     )
-    add_lab(parser, "default: the lab shipped with grade")
-    overrides = "file of manual decisions, see `grade regrade --help` (default: overrides.yaml in the results folder)"
-    add_path(parser, "--overrides", overrides)
-    parser.add_argument(
-        "--sessions",
-        type=_names,
-        metavar="A,B",
-        help="sessions of the rubric to run (default: all)",
-    )
+    add_exports(group, "--export")
+    add_fail_under(group)
+    add_flag(group, "--timings", "also print the time of each stage (for a single submission)")
+
+
+def _add_students_code(group: _ActionsContainer) -> None:
     add_path(
-        parser,
+        group,
         "--python",
         "interpreter for students' code, or `lab`: an environment with the libraries of ROS 2 Jazzy and of the lab alone, "
         "made when it is first needed (default: grade's own)",
     )
-    parser.add_argument("--seed", type=int, help="seed of the random stimuli (default: a new one)")
-    add_jobs(parser, "number of sessions side by side (default: depends on the number of cores)")
-    parser.add_argument(
+    group.add_argument(
         "--launch",
         choices=("standin", "native", "auto"),
         default="standin",
         help="evaluation of launch files: by grade's own stand-in (default), by the native launch of a sourced ROS "
         "installation, or auto: native if available",
     )
-    _add_class(parser)
-    add_isolation(parser)
-    add_exports(parser, "--export")
-    add_fail_under(parser)
-    add_flag(parser, "--timings", "also print the time of each stage (for a single submission)")
-    parser.add_argument("--version", action="version", version=f"grade {__version__}")
-    return parser
+    add_isolation(group)
 
 
 def _names(text: str) -> list[str]:
@@ -156,15 +195,15 @@ def takes(arguments: Sequence[str]) -> bool:
     if {"-h", "--help", "--version"}.intersection(arguments):
         return False
     try:
-        options = _parser("").parse_args(arguments)
+        options = make_parser().parse_args(arguments)
     except WrongUsage:
         return False
     return all(path.exists() for path in options.submissions)
 
 
-def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
+def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the submissions; returns the exit status."""
-    parser = _parser(epilog)
+    parser = make_parser()
     options = parser.parse_args(arguments)
     if options.scheduler is not None:
         return _run(parser, options, console)
@@ -195,6 +234,8 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
 
     rubric = rubrics.read_rubric(options.rubric)
     pipeline.require_sessions(options.sessions or (), rubric)
+    if options.scheduler is None:
+        require_extras(rubric)
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
     is_for_classes = options.scheduler is not None or options.undecided

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -120,17 +121,22 @@ def _entry(name: str, model: type[Parameters], around: Mapping[str, Any], key: s
     return Entry(name, about, list(parameters_in(schema, schema)), text)
 
 
-def run_listing(command: str, arguments: Sequence[str], console: Console) -> int:
-    """Print the chosen checks, steps or figures; returns the exit status."""
-    entries = entries_of(command)
+def parser_of_listing(command: str) -> argparse.ArgumentParser:
+    """Return the parser of a command that lists checks, steps or figures."""
     parser = parser_of(f"grade {command}", as_sentence(COMMANDS[command]))
-    own = {}
     words = "list only these, each with an example"
     if command == "checks":
-        own = own_api()
         words += "; Context, Submission, Messages and all other names of grader.own_checks too"
     parser.add_argument("names", nargs="*", metavar="NAME", help=words)
     add_flag(parser, "--json", "print JSON, with all examples")
+    return parser
+
+
+def run_listing(command: str, arguments: Sequence[str], console: Console) -> int:
+    """Print the chosen checks, steps or figures; returns the exit status."""
+    parser = parser_of_listing(command)
+    entries = entries_of(command)
+    own = own_api() if command == "checks" else {}
     options = parser.parse_args(arguments)
     known = [*(entry.name for entry in entries), *own]
     for name in options.names:

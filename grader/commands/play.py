@@ -32,7 +32,8 @@ recorded commands.
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     parser = parser_of("grade play", _DESCRIPTION)
     parser.add_argument(
         "results",
@@ -69,7 +70,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.evidence.recorded import Recorded
     from grader.live.sandbox.environment import require_platform
 
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(arguments)
     if not 0 < options.rate < float("inf"):
         parser.error("--rate must be a number above 0")

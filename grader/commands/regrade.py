@@ -60,7 +60,8 @@ exit status:
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     parser = parser_of("grade regrade", _DESCRIPTION, _EPILOG)
     results = "results of a submission, e.g. results/alice, or of a class, e.g. results/"
     parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
@@ -83,7 +84,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Judge the results again; returns the exit status."""
     from grader.classroom.regrade import is_class
 
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(arguments)
     classes = [folder for folder in options.results if is_class(folder)]
     if not classes and (options.apply or options.jobs):

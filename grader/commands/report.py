@@ -34,7 +34,8 @@ UTF-8 with a byte order mark, for spreadsheet programs; other programs read it a
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     parser = parser_of("grade report", _DESCRIPTION)
     parser.add_argument(
         "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
@@ -54,7 +55,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.cohort.entries import compared_with, entries_in
     from grader.judging import rubrics
 
-    options = _parser().parse_args(arguments)
+    options = make_parser().parse_args(arguments)
     entries = _require_results(entries_in(options.results), options.results)
     if options.before is not None:
         entries = compared_with(

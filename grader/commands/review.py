@@ -25,7 +25,8 @@ and reports follow. The desk answers only on this machine, at the printed addres
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     parser = parser_of("grade review", _DESCRIPTION)
     parser.add_argument(
         "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
@@ -57,7 +58,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Serve the desk until Ctrl-C; returns the exit status."""
     from grader.desk.server import serve
 
-    options = _parser().parse_args(arguments)
+    options = make_parser().parse_args(arguments)
     desk = desk_of(options.results, options.rubric, options.overrides, options.who)
 
     def ready(address: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Sequence
 
@@ -10,11 +11,8 @@ from rich.console import Console
 from grader.commands.arguments import parser_of, rubric_path
 
 
-def run(arguments: Sequence[str], console: Console) -> int:
-    """Check a rubric; returns the exit status."""
-    from grader.judging.rubrics import read_rubric, rubric_kinds
-    from grader.lab.rubric import json_schema, own_models
-
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     words = "Check a rubric, or print the JSON Schema for editors."
     parser = parser_of("grade rubric", words)
     parser.add_argument(
@@ -22,14 +20,22 @@ def run(arguments: Sequence[str], console: Console) -> int:
         nargs="?",
         type=rubric_path,
         metavar="LAB",
-        help="folder of a lab, or its rubric.yaml (default: the lab shipped with grade)",
+        help="name of a shipped lab, folder of a lab, or its rubric.yaml (default: the first of `grade lab list`)",
     )
     parser.add_argument(
         "--schema",
         action="store_true",
         help="print the JSON Schema of rubrics, with the lab's own checks",
     )
-    chosen = parser.parse_args(arguments)
+    return parser
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Check a rubric; returns the exit status."""
+    from grader.judging.rubrics import read_rubric, rubric_kinds
+    from grader.lab.rubric import json_schema, own_models
+
+    chosen = make_parser().parse_args(arguments)
     rubric = read_rubric(chosen.rubric)
     if chosen.schema:
         print(json.dumps(json_schema(rubric_kinds(), own_models(rubric)), indent=1))

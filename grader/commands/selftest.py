@@ -25,6 +25,7 @@ from grader.commands.arguments import (
     print_note,
 )
 from grader.errors import TEMPORARY, SubmissionError
+from grader.lab.shipped_labs import require_extras
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ exit status:
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     parser = parser_of("grade selftest", _DESCRIPTION, _EPILOG)
     parser.add_argument(
         "names",
@@ -75,7 +77,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.lab.yaml_with_lines import meant
     from grader.live.sandbox import environment
 
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(arguments)
     rubric = rubrics.read_rubric(options.rubric)
     fixtures = _fixtures(options, rubric, console)
@@ -86,6 +88,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     if options.names:
         fixtures = [fixture for fixture in fixtures if fixture.name in options.names]
     environment.require_platform()
+    require_extras(rubric)
     began_s = time.monotonic()
     found = _run(fixtures, rubric, options, console)
     took_s = time.monotonic() - began_s

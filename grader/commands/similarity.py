@@ -25,7 +25,8 @@ findings are facts without a verdict, and no points depend on them. They are pri
 """
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
     parser = parser_of("grade similarity", _DESCRIPTION)
     parser.add_argument(
         "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
@@ -46,7 +47,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.errors import SubmissionError
     from grader.judging.rubrics import rubric_of_class
 
-    options = _parser().parse_args(arguments)
+    options = make_parser().parse_args(arguments)
     folders = recorded_in(options.results)
     if len(folders) < 2:
         remedy = "Name the folder with a folder of results for each submission, e.g. results/."

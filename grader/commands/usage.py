@@ -26,7 +26,16 @@ class WrongUsage(SystemExit):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that raises its errors, because the arguments may be meant for another command."""
+    """A parser that raises its errors, because the arguments may be meant for another command.
+
+    Its help begins with `examples`, if there are any.
+    """
+
+    examples = ""
+
+    def format_help(self) -> str:
+        """Return the help."""
+        return self.examples + super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Raise `WrongUsage`."""

@@ -24,6 +24,7 @@ from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
+from grader.lab.shipped_labs import require_extras
 from grader.lab.steps.wait_for import WaitForResult
 from grader.live.builds.build import can_build, lacking_compiler
 from grader.live.builds.colcon import lacking_builder
@@ -290,6 +291,7 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
             "Set lab.solution in the rubric.",
         )
         return
+    require_extras(rubric)
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
         options = pipeline.Options(interpreter, least_isolation="none")
         started = time.monotonic()
