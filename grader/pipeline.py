@@ -36,6 +36,7 @@ from grader.live.sandbox.environment import (
     require_platform,
     versions,
 )
+from grader.live.sandbox.installation import Installation, wheels_of
 from grader.live.sandbox.probing import require
 from grader.live.session.built import note_installed
 from grader.live.session.program import StudentProgram
@@ -43,6 +44,7 @@ from grader.live.session.runner import Progress, SessionRunner, given_in_steps
 from grader.live.session.scheduler import LocalScheduler, Scheduler
 from grader.live.session.stage import stage
 from grader.live_exports import LiveExports
+from grader.recording.session import STUDENTS_ROS
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.report.exports.writing import ExportTarget
 from grader.result import Result, result_of_text
@@ -95,8 +97,10 @@ class Options:
     seed: int | None = None
     #: Sessions side by side.
     jobs: int | None = None
-    #: Evaluator of launch files, see `find_native_launch`.
-    launch: str = "standin"
+    #: Evaluator of launch files, see `find_native_launch`; None for "auto" with an installation, and else the stand-in.
+    launch: str | None = None
+    #: Installation of ROS of students' programs; None for the wheels of the interpreter.
+    ros: Installation | None = None
     #: Level of confinement below which nothing is run, see `Level`.
     least_isolation: str = "reduced"
     #: Decisions of people about single submissions.
@@ -107,6 +111,22 @@ class Options:
     path_prefix: str = ""
     #: Texts of the earlier results, see `earlier_results`; None for those in the folder of results.
     earlier: tuple[str, ...] | None = None
+
+    @property
+    def evaluator(self) -> str:
+        """Evaluator of launch files."""
+        if self.launch is not None:
+            return self.launch
+        if self.ros is None:
+            return "standin"
+        return "auto"
+
+    @property
+    def installation(self) -> Installation:
+        """Installation of ROS for students' programs."""
+        if self.ros is None:
+            return wheels_of(self.interpreter)
+        return self.ros
 
     def sessions_of(self, rubric: Rubric) -> list[str]:
         """Return the names of the chosen sessions, in order."""
@@ -175,7 +195,9 @@ def grade(
     GraderError
         If no fair score exists. Then no result is written, but complete recordings are kept.
     """
-    require_platform(options.interpreter)
+    # An installation was probed when it was found.
+    if options.ros is None:
+        require_platform(options.interpreter)
     watch = watch or Stopwatch()
     earlier = earlier_results(results) if options.earlier is None else options.earlier
     with ExitStack() as stack:
@@ -310,7 +332,7 @@ class Grading:
             programs=programs,
             recordings=self.recordings,
             isolation=isolation,
-            interpreter=self.options.interpreter,
+            installation=self.options.installation,
             seed=self._seed(),
             versions=self._versions(native, interfaces),
             forks=forks,
@@ -339,7 +361,7 @@ class Grading:
         sources = []
         if self.submission.source:
             sources.append(Path(self.submission.source))
-        return find_native_launch(self.options.interpreter, self.options.launch, sources)
+        return find_native_launch(self.options.installation, self.options.evaluator, sources)
 
     def _note_left_out(self, chosen: Sequence[str]) -> None:
         for name in self.options.sessions_of(self.rubric):
@@ -355,7 +377,7 @@ class Grading:
             return modules, needed_interfaces(self.rubric, self.submission, chosen)
 
         modules, needs = in_bounds(look, self.submission.source, _READING_BOUND)
-        self.submission.absent_modules = absent_modules(self.options.interpreter, modules)
+        self.submission.absent_modules = absent_modules(self.options.installation, modules)
         return needs
 
     def _build_interfaces(
@@ -391,7 +413,9 @@ class Grading:
             return
         time_s = self.rubric.lab.build_timeout_s
         with self._work("building packages", scheduler):
-            builds = build_packages(self.folder, submission, isolation, time_s, prefixes)
+            builds = build_packages(
+                self.folder, submission, isolation, time_s, prefixes, self.options.installation
+            )
         submission.builds = builds
         note_installed(submission, prefixes)
 
@@ -428,7 +452,10 @@ class Grading:
 
     def _versions(self, native: NativeLaunch | None, interfaces: Path) -> dict[str, str]:
         launch = "stand-in" if native is None else "native"
-        return {**versions(), "launch": launch, **parts_in(interfaces)}
+        found = {**versions(), "launch": launch, **parts_in(interfaces)}
+        if self.options.ros is not None:
+            found[STUDENTS_ROS] = str(self.options.ros)
+        return found
 
     def _record_sessions(self, sessions: SessionRunner, chosen: Sequence[str]) -> None:
         with self.watch.stage("sessions"):

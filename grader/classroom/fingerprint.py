@@ -16,6 +16,7 @@ import ros_bag
 from grader.lab.kept_lab import interface_files, named_files
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.environment import versions
+from grader.live.sandbox.installation import Installation
 from grader.pipeline import Options
 from grader.submission.extraction import Intake
 
@@ -87,9 +88,17 @@ def options_sha256(options: Options) -> str:
         options.interpreter.resolve(),
         options.sessions,
         options.seed,
-        options.launch,
+        options.evaluator,
+        *_of_installation(options.ros),
     )
     return sha256_of(stated)
+
+
+def _of_installation(ros: Installation | None) -> Iterator[object]:
+    """Yield the version and the packages of an installation of ROS for students' programs."""
+    if ros is not None:
+        yield str(ros)
+        yield ros.packages()
 
 
 def judging_sha256(options: Options, name: str, submission_time: str, lab: str) -> str:

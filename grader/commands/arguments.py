@@ -26,6 +26,8 @@ from grader.report.escape import terminal_text
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
+    from grader.live.sandbox.installation import Installation
+
 _Submission = TypeVar("_Submission")
 
 #: Exit status when the score is below --fail-under.
@@ -184,6 +186,63 @@ def interpreter_for(chosen: Path | None, rubric: Path | None) -> Path:
     from grader.live.sandbox.students_python import students_python
 
     return students_python(rubrics.read_rubric(rubric).lab.requirements)
+
+
+def add_ros(parser: _ActionsContainer) -> None:
+    """Add `--ros`."""
+    words = (
+        "installation of ROS 2 for students' programs, launch files and builds: a folder such as /opt/ros/jazzy, the "
+        "`install` folder of a workspace, or a virtual environment of wheels (default: the rubric's `lab.environment`, "
+        "or grade's own wheels)"
+    )
+    add_path(parser, "--ros", words, "PREFIX")
+
+
+def students_side(
+    chosen: Path | None, rubric: Path | None, prefix: Path | None = None
+) -> tuple[Path, Installation | None]:
+    """Return the interpreter of students' code and the installation of ROS: the option's, or else the lab's.
+
+    Parameters
+    ----------
+    chosen
+        Value of `--python`, see `interpreter_for`.
+    prefix
+        Value of `--ros`.
+
+    Returns
+    -------
+    No installation stands for the wheels of the interpreter. That is so if an interpreter was chosen without `--ros`,
+    or if neither the option nor the lab names an installation.
+
+    Raises
+    ------
+    PlatformError
+        There is no such interpreter or installation, or students' nodes do not run on it.
+    """
+    from grader.live.sandbox.course_ros import installation_at, require_usable
+
+    interpreter = interpreter_for(chosen, rubric)
+    own = None
+    if chosen is not None:
+        own = interpreter
+    elif prefix is None:
+        prefix = _environment_of(rubric)
+    if prefix is None:
+        return interpreter, None
+    installation = installation_at(prefix, own)
+    require_usable(installation)
+    return installation.interpreter, installation
+
+
+def _environment_of(rubric: Path | None) -> Path | None:
+    """Return the installation of ROS that a lab names."""
+    from grader.judging import rubrics
+
+    named = rubrics.read_rubric(rubric).lab.environment
+    if named is None:
+        return None
+    return Path(named)
 
 
 def points(text: str) -> Decimal:

@@ -10,7 +10,14 @@ from dataclasses import asdict
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_for, parser_of
+from grader.commands.arguments import (
+    add_flag,
+    add_lab,
+    add_path,
+    add_ros,
+    interpreter_for,
+    parser_of,
+)
 from grader.doctor.status import Status, Verdict, status_of_limits
 from grader.report.escape import terminal_text
 
@@ -28,13 +35,7 @@ def make_parser() -> argparse.ArgumentParser:
         "The exit status is 1 if this machine cannot grade, or students' nodes cannot run with the installation of --ros.",
     )
     add_path(parser, "--python", "interpreter for students' code, or `lab`, see `grade --help`")
-    add_path(
-        parser,
-        "--ros",
-        "also examine an installation of ROS 2, such as /opt/ros/jazzy: can students' nodes run with it? "
-        "(`grade` does not use it.)",
-        "PREFIX",
-    )
+    add_ros(parser)
     add_flag(
         parser,
         "--calibrate",
@@ -73,7 +74,10 @@ def _statuses(options: argparse.Namespace) -> Iterator[Status]:
 
     yield from examine(interpreter)
     if options.ros is not None:
-        yield from examine_ros(options.ros.absolute())
+        chosen = None
+        if options.python is not None:
+            chosen = interpreter
+        yield from examine_ros(options.ros, chosen)
     if options.calibrate:
         yield from calibrate(interpreter, rubrics.read_rubric(options.rubric))
 

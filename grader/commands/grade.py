@@ -26,13 +26,14 @@ from grader.commands.arguments import (
     add_jobs,
     add_lab,
     add_path,
+    add_ros,
     each,
-    interpreter_for,
     interpreter_of,
     least_isolation,
     parser_of,
     print_error,
     print_note,
+    students_side,
 )
 from grader.commands.export import add_exports
 from grader.commands.usage import WrongUsage
@@ -152,12 +153,12 @@ def _add_students_code(group: _ActionsContainer) -> None:
         "interpreter for students' code, or `lab`: an environment with the libraries of ROS 2 Jazzy and of the lab alone, "
         "made when it is first needed (default: grade's own)",
     )
+    add_ros(group)
     group.add_argument(
         "--launch",
         choices=("standin", "native", "auto"),
-        default="standin",
-        help="evaluation of launch files: by grade's own stand-in (default), by the native launch of a sourced ROS "
-        "installation, or auto: native if available",
+        help="evaluation of launch files: by grade's own stand-in (default), by the native launch of --ros or of a sourced "
+        "ROS installation, or auto: native if available (default with --ros)",
     )
     add_isolation(group)
 
@@ -211,8 +212,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.live.sandbox.environment import require_platform
     from grader.live.session.scheduler import LocalScheduler
 
-    options.python = interpreter_for(options.python, options.rubric)
-    require_platform(options.python)
+    options.python, options.ros = students_side(options.python, options.rubric, options.ros)
+    if options.ros is None:
+        require_platform(options.python)
     with LocalScheduler(options.python, options.jobs) as options.local:
         return _run(parser, options, console)
 
@@ -240,7 +242,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
     found = _found(options, rubric)
     is_for_classes = options.scheduler is not None or options.undecided
     is_class = len(found.submissions) > 1 or is_for_classes
-    _require_compatible_options(parser, options, is_class=is_class)
+    _require_compatible_options(parser, options, rubric, is_class=is_class)
     origins = [source.origin for source in found.submissions]
     _require_safe_output(options, rubric, origins)
     _note_uncounted_overrides(options, origins, console)
@@ -262,11 +264,15 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
 
 
 def _require_compatible_options(
-    parser: argparse.ArgumentParser, options: argparse.Namespace, *, is_class: bool
+    parser: argparse.ArgumentParser, options: argparse.Namespace, rubric: Rubric, *, is_class: bool
 ) -> None:
     """End with a usage error if options exclude each other, or do not work for a class."""
     if options.undecided and options.scheduler is not None:
         parser.error("--undecided runs on this machine only; leave out --scheduler")
+    if options.scheduler is not None:
+        if {options.ros, rubric.lab.environment} != {None}:
+            reason = "--ros and a lab's environment are for this machine only"
+            parser.error(f"{reason}; leave out --scheduler")
     if is_class and options.timings:
         parser.error(
             "--timings is for one submission, without --scheduler and --undecided; leave out --timings"
@@ -323,6 +329,7 @@ def _live_options(
         options.seed,
         options.jobs,
         options.launch,
+        options.ros,
         isolation,
         overrides,
         options.exports,

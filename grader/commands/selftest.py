@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from grader.commands.arguments import (
     add_path,
     parser_of,
     print_note,
+    students_side,
 )
 from grader.errors import TEMPORARY, SubmissionError
 from grader.lab.shipped_labs import require_extras
@@ -141,11 +141,11 @@ def _run(
     from grader.classroom.worker import Here
     from grader.live.sandbox.probing import probe_isolation
 
-    interpreter = Path(sys.executable)
+    interpreter, ros = students_side(None, options.rubric)
     isolation = probe_isolation(interpreter)
     machine = Machine.of(isolation, options.jobs)
     # The submissions are known, so any level of confinement is enough.
-    live = pipeline.Options(interpreter, least_isolation="none")
+    live = pipeline.Options(interpreter, ros=ros, least_isolation="none")
     if options.output is None:
         folder: AbstractContextManager[str] = tempfile.TemporaryDirectory(prefix=TEMPORARY)
     else:

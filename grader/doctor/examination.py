@@ -70,7 +70,9 @@ def examine(interpreter: Path) -> Iterator[Status]:
     yield from _confinement(isolation)
     cores = len(os.sched_getaffinity(0))
     slots = sessions_at_a_time(isolation)
-    at_a_time = f"{slots} sessions side by side" if slots > 1 else "one session at a time"
+    at_a_time = "one session at a time"
+    if slots > 1:
+        at_a_time = f"{slots} sessions side by side"
     found = f"{cores} for this process; {at_a_time}"
     yield _status(cores >= 2, "cores", found, "Two cores or more make grading faster and surer.")
     yield _real_time()
@@ -93,8 +95,9 @@ def _platform(interpreter: Path) -> Status:
     except ValueError as problem:
         remedy = "Reinstall: pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
         return Status(Verdict.FAIL, "platform", f"{found}; no node can be run: {problem}", remedy)
-    wheels = (f"{name} {version(name)}" for name in ("ros-jazzy-rclpy", "ros-fastrtps"))
-    return Status(Verdict.PASS, "platform", ", ".join((found, *wheels)))
+    for name in ("ros-jazzy-rclpy", "ros-fastrtps"):
+        found += f", {name} {version(name)}"
+    return Status(Verdict.PASS, "platform", found)
 
 
 #: Versions of the libraries that students' programs import.
@@ -268,7 +271,9 @@ def _rate(recorded: Recorded, window: Span, took_s: float) -> Status:
             Verdict.FAIL, "100 Hz", "almost nothing was recorded", "Run `grade doctor` again."
         )
     process = recorded.process(_NODE)
-    delay_s = recorded.machine_delay_s(process, window) if process is not None else 0.0
+    delay_s = 0.0
+    if process is not None:
+        delay_s = recorded.machine_delay_s(process, window)
     jitter_s = timing.deviation_s(0.99)
     found = (
         f"{timing.rate_hz:.2f} Hz, {jitter_s * 1000:.1f} ms of jitter (99 %), {timing.lost} of {timing.written} "
@@ -283,7 +288,8 @@ def _rate(recorded: Recorded, window: Span, took_s: float) -> Status:
 
 def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
     """Grade the lab's own solution, and report checks that this machine cannot decide, and its steadiness."""
-    if rubric.lab.solution is None or not (rubric.folder / rubric.lab.solution).is_dir():
+    solution = _solution_of(rubric)
+    if solution is None:
         yield Status(
             Verdict.WARNING,
             "solution",
@@ -295,7 +301,6 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
         options = pipeline.Options(interpreter, least_isolation="none")
         started = time.monotonic()
-        solution = rubric.folder / rubric.lab.solution
         result = pipeline.grade(solution, rubric, Path(scratch), options, lambda progress: None)
         took_s = time.monotonic() - started
         recordings = Path(scratch) / result_folder.RECORDINGS
@@ -317,6 +322,16 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
                 output,
                 "This check cannot be trusted on this machine as it is now.",
             )
+
+
+def _solution_of(rubric: Rubric) -> Path | None:
+    """Return the folder of the lab's solution; None if it is missing."""
+    if rubric.lab.solution is None:
+        return None
+    folder = rubric.folder / rubric.lab.solution
+    if folder.is_dir():
+        return folder
+    return None
 
 
 def _steadiness(recorded: Recorded) -> Status:

@@ -129,6 +129,11 @@ class LabSpec(Parameters):
         le=100,
         description="Time for `colcon build` of a submission's packages; what takes longer is undecided.",
     )
+    environment: str | None = Field(
+        None,
+        description="Folder of the installation of ROS 2 for students' programs, e.g. `/opt/ros/jazzy`; `grade --ros` has "
+        "priority.",
+    )
     requirements: tuple[str, ...] = Field(
         (),
         description="Python packages for students' programs besides NumPy and SciPy, in the form of pip, "

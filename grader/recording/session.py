@@ -188,6 +188,8 @@ class StepRun:
 NEWER_IDIOM = "newer_idiom"
 #: Kind of a claim about another value of a session's variable, such as ROS_DOMAIN_ID.
 SESSION_VARIABLE = "session_variable"
+#: Name among the versions of a session: the installation of ROS of students' programs, if it is not the grader's.
+STUDENTS_ROS = "students' ROS"
 
 
 @dataclass

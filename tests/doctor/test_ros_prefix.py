@@ -12,6 +12,7 @@ from grader.doctor.status import Verdict
 
 pytestmark = pytest.mark.live
 
+PYTHON = Path(sys.executable)
 NEEDED = ("rclpy", "rmw_fastrtps_cpp", "std_msgs", "std_srvs")
 
 
@@ -38,17 +39,19 @@ def test_the_distribution_is_told_by_the_version_of_rclpy(
     tmp_path: Path, rclpy: str, name: str, verdict: Verdict
 ) -> None:
     """An older distribution has other discovery messages."""
-    first = next(iter(examine_ros(installation(tmp_path, rclpy))))
-    assert (first.verdict, first.found) == (verdict, f"{name} (rclpy {rclpy}) for Python 3.99")
+    first = next(iter(examine_ros(installation(tmp_path, rclpy), PYTHON)))
+    found = f"{name} (rclpy {rclpy}) in {tmp_path}, for {PYTHON}"
+    assert (first.verdict, first.found) == (verdict, found)
 
 
 def test_a_missing_python_and_missing_packages_are_named(tmp_path: Path) -> None:
-    """Nothing is imported without a Python of the installation's version."""
-    _, imported, packages = examine_ros(installation(tmp_path, "7.1.4", (*NEEDED, "rclcpp")))
-    assert (imported.verdict, imported.found) == (
-        Verdict.FAIL,
-        "there is no Python 3.99 on this machine",
-    )
+    """The examination ends without a Python of the installation's version, and goes on with a chosen one."""
+    prefix = installation(tmp_path, "7.1.4", (*NEEDED, "rclcpp"))
+    (only,) = examine_ros(prefix)
+    found = f"there is no Python 3.99 on this machine: {prefix}"
+    assert (only.verdict, only.found) == (Verdict.FAIL, found)
+    _, imported, packages = examine_ros(prefix, PYTHON)
+    assert imported.verdict is Verdict.FAIL
     there, _, missing = packages.found.partition("; missing: ")
     assert there.endswith("rclcpp")
     assert missing == "launch_ros (for the real launch), tf2_ros (for all of tf2_ros)"
@@ -57,8 +60,8 @@ def test_a_missing_python_and_missing_packages_are_named(tmp_path: Path) -> None
 def test_a_folder_without_rclpy_or_its_middleware_cannot_run_nodes(tmp_path: Path) -> None:
     """The examination ends where the rest would need the missing part."""
     (only,) = examine_ros(tmp_path)
-    assert (only.verdict, only.found) == (Verdict.FAIL, f"no rclpy in {tmp_path}")
-    _, last = examine_ros(installation(tmp_path, "7.1.4", ("rclpy",)))
+    assert (only.verdict, only.found) == (Verdict.FAIL, f"there is no rclpy: {tmp_path}")
+    _, last = examine_ros(installation(tmp_path, "7.1.4", ("rclpy",)), PYTHON)
     assert (last.verdict, last.found) == (
         Verdict.FAIL,
         "missing: rmw_fastrtps_cpp, std_msgs, std_srvs",

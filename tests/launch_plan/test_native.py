@@ -13,6 +13,7 @@ import pytest
 
 from grader.errors import PlatformError
 from grader.live.sandbox.environment import find_native_launch
+from grader.live.sandbox.installation import wheels_of
 from launch_plan.plan import Plan
 
 ROOT = Path(__file__).parents[2]
@@ -142,17 +143,17 @@ def test_problems_are_at_the_students_line(text: str, kind: str, line: int, tmp_
 
 def test_what_is_not_there_is_an_error_only_if_asked_for() -> None:
     """`native` fails with a remedy where the real launch cannot be imported; `auto` takes the stand-in."""
-    interpreter = Path(sys.executable)
+    installation = wheels_of(Path(sys.executable))
     try:
         __import__("launch_ros")
     except ImportError:
         pass
     else:
         pytest.skip("this machine has the real launch")
-    assert find_native_launch(interpreter, "auto") is None
-    assert find_native_launch(interpreter, "standin") is None
+    assert find_native_launch(installation, "auto") is None
+    assert find_native_launch(installation, "standin") is None
     with pytest.raises(PlatformError) as caught:
-        find_native_launch(interpreter, "native")
+        find_native_launch(installation, "native")
     assert caught.value.exit_status == 5
     assert "launch" in caught.value.problem
     assert caught.value.remedy

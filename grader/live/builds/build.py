@@ -8,12 +8,11 @@ import json
 import os
 import re
 import shutil
-import sys
 import tarfile
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path, PurePosixPath
 
 from confine.helpers import find_tool
@@ -24,6 +23,7 @@ from grader.files import replace_files
 from grader.live.builds import colcon
 from grader.live.builds.colcon import Installed, Ran
 from grader.live.sandbox.cache import cache_folder
+from grader.live.sandbox.installation import Installation, wheels_of
 from grader.live.sandbox.room import WORKSPACE, StudentRoom, made_room
 from grader.recording.record import from_plain
 from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
@@ -47,8 +47,6 @@ _NOISE = re.compile(
 )
 #: Build type with CMake and its package of ROS.
 _AMENT_CMAKE = "ament_cmake"
-#: Folder of the installed packages of ROS.
-_PACKAGES = Path(sys.prefix, "share")
 #: Commands of a build with CMake.
 _CMAKE_TOOLS = ("cmake", "make", "cc", "c++")
 #: Header of libssl-dev; the CMake files of Fast DDS need it.
@@ -61,6 +59,7 @@ def build_packages(
     isolation: Isolation,
     time_s: float,
     prefixes: Path,
+    installation: Installation | None = None,
 ) -> list[BuildFact] | None:
     """Return the builds of a submission's packages; None if this machine cannot build.
 
@@ -74,19 +73,23 @@ def build_packages(
         Time for all of its packages.
     prefixes
         Empty folder for the installed files; each built package gets a folder of its name.
+    installation
+        Installation of ROS of students' programs; None for the grader's own wheels.
     """
     if not submission.packages or not can_build(isolation):
         return None
-    missing = _without_tool(submission)
+    ros = _for_builds(installation)
+    missing = _without_tool(submission, ros)
     others = [each for each in submission.packages if each not in missing]
-    facts = [_lacks_tool(package) for package in missing]
+    facts = [_lacks_tool(package, ros) for package in missing]
     if not others:
         return facts
     sources = _sources(submission, others)
-    cached = cache_folder("builds") / f"{_key(others, sources)}.json"
+    key = _key(others, sources, ros)
+    cached = cache_folder("builds") / f"{key}.json"
     found = _from_cache(cached, prefixes)
     if found is None:
-        found = _build(folder, others, sources, isolation, time_s, prefixes)
+        found = _build(folder, others, sources, isolation, time_s, prefixes, ros)
         if all(fact.outcome != "not built" for fact in found):
             _keep(cached, found, prefixes)
     return facts + found
@@ -97,19 +100,31 @@ def can_build(isolation: Isolation) -> bool:
     return isolation.namespaces and not colcon.lacking_builder()
 
 
-def lacking_compiler() -> str:
+def _for_builds(installation: Installation | None) -> Installation:
+    """Return the ROS of builds with the grader's Python, which has colcon.
+
+    The wheels of another interpreter can lack the packages for builds.
+    """
+    if installation is not None:
+        if installation.is_named:
+            return installation
+    return wheels_of(OWN_INTERPRETER)
+
+
+def lacking_compiler(installation: Installation | None = None) -> str:
     """Name the missing parts of a build with CMake; empty if this machine has all."""
     missing = [tool for tool in _CMAKE_TOOLS if find_tool(tool) is None]
     if not _OPENSSL.is_file():
         missing.append("libssl-dev")
-    if not (_PACKAGES / _AMENT_CMAKE).is_dir():
+    if not _for_builds(installation).has(_AMENT_CMAKE):
         missing.append(_AMENT_CMAKE)
     return ", ".join(missing)
 
 
-def _without_tool(submission: SubmissionRecord) -> list[PackageFact]:
+def _without_tool(submission: SubmissionRecord, ros: Installation) -> list[PackageFact]:
     """Return the packages of a build type whose tools are missing here."""
-    if not lacking_compiler():
+    lacking = lacking_compiler(ros)
+    if not lacking:
         return []
     missing = []
     for package in submission.packages:
@@ -126,8 +141,8 @@ def _lacks_script(package: PackageFact, submission: SubmissionRecord) -> bool:
     return all(file.path != script for file in submission.files)
 
 
-def _lacks_tool(package: PackageFact) -> BuildFact:
-    reason = f"the grading computer lacks {lacking_compiler()}, which builds it"
+def _lacks_tool(package: PackageFact, ros: Installation) -> BuildFact:
+    reason = f"the grading computer lacks {lacking_compiler(ros)}, which builds it"
     return BuildFact(package.name, package.path, "not built", reason)
 
 
@@ -146,14 +161,15 @@ def _sources(submission: SubmissionRecord, packages: Iterable[PackageFact]) -> d
     return found
 
 
-def _key(packages: Iterable[PackageFact], sources: Mapping[str, str]) -> str:
+def _key(packages: Iterable[PackageFact], sources: Mapping[str, str], ros: Installation) -> str:
     """Return a hash of everything on which the outcome depends."""
     named = [(package.name, package.path) for package in packages]
     how = []
     for file in (Path(__file__), Path(colcon.__file__), *colcon.INSIDE_FOLDER.iterdir()):
         how.append(file.read_text(encoding="utf-8"))
-    here = sorted(path.name for path in _PACKAGES.iterdir())
-    whole = json.dumps([named, sorted(sources.items()), colcon.builder_versions(), here, how])
+    whole = json.dumps(
+        [named, sorted(sources.items()), colcon.builder_versions(), ros.facts(), how]
+    )
     return hashlib.sha256(whole.encode("utf-8", "surrogateescape")).hexdigest()
 
 
@@ -164,16 +180,18 @@ def _build(
     isolation: Isolation,
     time_s: float,
     prefixes: Path,
+    ros: Installation,
 ) -> list[BuildFact]:
     """Build packages in a throw-away workspace, and copy the prefixes of the built ones."""
     with tempfile.TemporaryDirectory(
         prefix=scratch_prefix(), ignore_cleanup_errors=True
     ) as scratch:
-        room = made_room(Path(scratch), OWN_INTERPRETER)
+        building = replace(ros, interpreter=OWN_INTERPRETER)
+        room = made_room(Path(scratch), building)
         workspace = room.areas[WORKSPACE]
         room.open_to_all(WORKSPACE)
         _copy(folder, sources, workspace / "src")
-        ran = colcon.run_colcon(isolation, room, time_s)
+        ran = colcon.run_colcon(isolation, room, time_s, ros)
         parts = _parts_of(ran.output)
         facts = []
         for package in packages:

@@ -23,6 +23,7 @@ from confine.isolation import Isolation, free_slot, sandbox_cgroup
 from confine.room import TEMPORARY
 from confine.running import enter_or_end
 from grader.live.sandbox.environment import ros_environment
+from grader.live.sandbox.installation import Installation
 from grader.live.sandbox.room import HOME, WORKSPACE, StudentRoom
 from grader.submission.beneath import open_regular_beneath
 
@@ -98,29 +99,31 @@ def builder_versions() -> dict[str, str]:
     return found
 
 
-def run_colcon(isolation: Isolation, room: StudentRoom, time_s: float) -> Ran:
+def run_colcon(isolation: Isolation, room: StudentRoom, time_s: float, ros: Installation) -> Ran:
     """Build the workspace of a room in a sandbox of its own, and end the build after some time.
 
     The packages lie below `src` in the workspace; each is installed below `install` in a prefix of its name.
     """
-    room = replace(room, tools={**room.tools, _INSIDE: INSIDE_FOLDER})
+    tools = {**room.tools, _INSIDE: INSIDE_FOLDER}
+    room = replace(room, tools=tools)
     seen = room.seen(isolation)
     environment = {
-        **ros_environment(Path(sys.prefix)),
+        **ros_environment(ros),
+        "PYTHONPATH": ":".join(ros.modules),
         "HOME": seen[HOME],
         "TMPDIR": seen[TEMPORARY],
-        "AMENT_PREFIX_PATH": sys.prefix,
-        "CMAKE_PREFIX_PATH": sys.prefix,
         "COLCON_EXTENSION_BLOCKLIST": ":".join(_NOT_NEEDED),
         "PYTHONDONTWRITEBYTECODE": "1",
-        "ROS_DISTRO": "jazzy",
+        "ROS_DISTRO": ros.distribution.lower(),
         "ROS_VERSION": "2",
     }
     colcon = [*python(OWN_INTERPRETER, "-c", _PROGRAM), "--log-base", "/dev/null", "build"]
     colcon += ["--base-paths", "src", "--executor", "sequential", "--continue-on-error"]
     colcon += ["--event-handlers", "console_direct+"]
     colcon += ["--cmake-args", "-DBUILD_TESTING=OFF"]
-    colcon += [f"-DCMAKE_PROJECT_INCLUDE={_INSIDE}/wheels.cmake"]
+    colcon.append(f"-DPython3_EXECUTABLE={ros.interpreter}")
+    if ros.is_of_wheels:
+        colcon.append(f"-DCMAKE_PROJECT_INCLUDE={_INSIDE}/wheels.cmake")
     output = f"{seen[TEMPORARY]}/{_OUTPUT}"
     command = ["sh", "-c", _SHELL, "sh", output, *colcon]
     with free_slot() as slot:

@@ -27,7 +27,8 @@ from confine.room import TEMPORARY, Room
 from confine.running import run_confined
 from confine.scratch import remove_tree, scratch_prefix
 from grader.live.sandbox.cache import cache_folder
-from grader.live.sandbox.environment import ros_environment
+from grader.live.sandbox.environment import own_ros
+from grader.live.sandbox.installation import wheels_of
 from grader.live.sandbox.room import HOME, INTERFACES, made_room
 from ros_bag.interfaces import InterfacePackage, in_order, shipped_packages
 
@@ -241,7 +242,7 @@ def _build(
     """Build a package in a sandbox, and copy its files to the target."""
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as name:
         scratch = Path(name)
-        room: Room = made_room(scratch, OWN_INTERPRETER)
+        room: Room = made_room(scratch, wheels_of(OWN_INTERPRETER))
         sources = scratch / "sources"
         out = room.areas[TEMPORARY] / "out"
         for file, text in package.files.items():
@@ -273,8 +274,8 @@ def _run(
     command = python(OWN_INTERPRETER, f"{seen['/building']}/build_package.py")
     command += [f"{seen['/sources']}/{package.name}", f"{temporary}/out/{package.name}"]
     command += [f"{seen[INTERFACES]}/{prefix.name}" for prefix in others]
-    environment = {**ros_environment(Path(sys.prefix)), "HOME": seen[HOME], "TMPDIR": temporary}
-    environment |= {"AMENT_PREFIX_PATH": sys.prefix, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**own_ros(), "HOME": seen[HOME], "TMPDIR": temporary}
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"
     with free_slot() as slot:
         try:
             done = run_confined(

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.machinery import PathFinder
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from confine.interpreters import OWN_INTERPRETER
 from grader.errors import PlatformError
 from grader.evidence.session_variables import PREFIXES, is_sessions
 from grader.live.sandbox.enough import require_limits
+from grader.live.sandbox.installation import Installation, shown_at_own_paths, wheels_of
 from launch_plan.exchange import PACKAGE
 
 #: Folder of the tap and of the settings of discovery, as seen in a student's sandbox.
@@ -49,21 +50,26 @@ def python_folder() -> str:
     return f"python{sys.version_info.major}.{sys.version_info.minor}"
 
 
-def ros_environment(prefix: Path) -> dict[str, str]:
-    """Environment of a program that uses the ROS wheels in a virtual environment."""
-    version = python_folder()
-    libraries = sorted((prefix / "lib" / version / "site-packages").glob("ros_*.libs"))
-    return {
+def ros_environment(installation: Installation) -> dict[str, str]:
+    """Environment of a program that uses an installation of ROS, without its modules of Python."""
+    found = {
         **_DDS,
-        # The ROS wheels' start-up hook would set these and start Python again.
-        "LD_LIBRARY_PATH": ":".join(map(str, [prefix / "lib", *libraries])),
+        # The start-up hook of ROS wheels would set LD_LIBRARY_PATH and start Python again.
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
         "LANG": "C.UTF-8",
-        "PATH": f"{prefix}/bin:/usr/local/bin:/usr/bin:/bin",
         "PYTHONUNBUFFERED": "1",
         "OPENBLAS_NUM_THREADS": "1",
         "MALLOC_ARENA_MAX": "2",
     }
+    for variable, folders in installation.paths.items():
+        if variable != "PYTHONPATH":
+            found[variable] = ":".join(folders)
+    return found
+
+
+def own_ros() -> dict[str, str]:
+    """Environment of a program that uses the grader's own ROS wheels."""
+    return ros_environment(wheels_of(OWN_INTERPRETER))
 
 
 def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> dict[str, str]:
@@ -89,28 +95,22 @@ def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> di
 
 def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
     """Environment of the grader's own processes: director and reference nodes."""
-    prefix = Path(sys.prefix)
     return {
-        **ros_environment(prefix),
+        **own_ros(),
         "HOME": str(home),
         "TMPDIR": str(home),
         "ROS_LOG_DIR": str(home / "log"),
         "ROS_DOMAIN_ID": str(domain_id),
-        "AMENT_PREFIX_PATH": str(prefix),
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(INSIDE_FOLDER / "discovery.xml"),
     }
 
 
 def student_environment(
-    interpreter: Path, home: str, workspace: str, inside: str, domain_id: int
+    installation: Installation, home: str, workspace: str, inside: str, domain_id: int
 ) -> dict[str, str]:
-    """Environment of a student's process, with paths inside its sandbox.
-
-    If `interpreter` belongs to a virtual environment with the ROS wheels, these are set up.
-    """
-    prefix = interpreter.parent.parent
+    """Environment of a student's process on an installation of ROS, with paths inside its sandbox."""
     installed = f"{workspace}/install"
-    own = ros_environment(prefix)
+    own = ros_environment(installation)
     environment = (
         own
         | {
@@ -121,15 +121,15 @@ def student_environment(
             "TMPDIR": "/tmp",
             "ROS_LOG_DIR": f"{home}/log",
             "ROS_DOMAIN_ID": str(domain_id),
-            "ROS_DISTRO": "jazzy",
+            "ROS_DISTRO": installation.distribution.lower(),
             "ROS_VERSION": "2",
-            "AMENT_PREFIX_PATH": f"{installed}:{prefix}",
+            "AMENT_PREFIX_PATH": ":".join([installed, *installation.prefixes]),
             "PYTHONDONTWRITEBYTECODE": "1",
             "PYTHONNOUSERSITE": "1",  # files that an earlier program left at home must not run before the tap
-            "PYTHONPATH": inside,
+            "PYTHONPATH": ":".join([inside, *installation.modules]),
             # Behind the tap: a package of the submission can have the name of one of Python's modules.
             "GRADER_INSTALLED": f"{installed}/lib/{python_folder()}/site-packages",
-            "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
+            installation.profiles: f"{inside}/discovery.xml",
             "RCUTILS_COLORIZED_OUTPUT": "0",
         }
     )
@@ -200,37 +200,44 @@ def versions() -> dict[str, str]:
     return named
 
 
-def ask_interpreter(
-    interpreter: Path, program: str, *arguments: str, more: Mapping[str, str] | None = None
-) -> str:
-    """Run a short program with an interpreter in the environment of students' processes, and return its output.
+#: Puts the folders in its first argument before Python's own; with `-I`, PYTHONPATH is not read. A folder of a sourced
+#: workspace may have a module of JSON too.
+_WITH_MODULES = """
+import json, sys
+sys.path[:0] = json.loads(sys.argv.pop(1))
+"""
 
-    `more` are further variables. Raises `ValueError` with the reason if that fails.
+
+def ask(installation: Installation, program: str, *arguments: str) -> str:
+    """Run a short program on an installation in the environment of students' processes, and return its output.
+
+    Raises `ValueError` with the reason if that fails.
     """
-    environment = ros_environment(interpreter.parent.parent)
-    if more is not None:
-        environment.update(more)
-    command = python(interpreter, "-c", program, *arguments)
+    modules = json.dumps(installation.modules)
+    command = python(installation.interpreter, "-c", _WITH_MODULES + program, modules, *arguments)
     try:
-        run = run_helper(command, timeout_s=_IMPORT_S, environment=environment)
+        run = run_helper(command, timeout_s=_IMPORT_S, environment=ros_environment(installation))
     except (OSError, subprocess.TimeoutExpired) as problem:
         raise ValueError(str(problem)[:200]) from problem
     if run.returncode != 0:
-        raise ValueError(run.stderr.strip().rsplit("\n", 1)[-1][:200] or "it does not answer")
+        last = run.stderr.strip().rsplit("\n", 1)[-1]
+        raise ValueError(last[:200] or "it does not answer")
     return run.stdout
+
+
+def ask_interpreter(interpreter: Path, program: str, *arguments: str) -> str:
+    """Run a short program with an interpreter and its wheels, see `ask`."""
+    return ask(wheels_of(interpreter), program, *arguments)
 
 
 # -- the real `launch` and `launch_ros`, on a machine that has them ----------------------------------
 
 #: Lists of folders that lead to a sourced ROS installation.
 SOURCED = ("PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH")
-#: Its arguments are the folders of PYTHONPATH, which Python does not read with `-I`. The module of JSON is imported
-#: before they count: a folder of a sourced workspace may have one of that name.
 _FIND_LAUNCH = """
-import json, os, sys
-sys.path[:0] = sys.argv[1:]
+import os
 import launch, launch_ros, launch.actions, launch_ros.actions, launch.launch_description_sources
-print(json.dumps([p for p in sys.path if p and os.path.isdir(p)]))
+print(json.dumps(list(filter(os.path.isdir, sys.path))))
 """
 
 
@@ -253,62 +260,123 @@ class NativeLaunch:
     @property
     def folders(self) -> dict[str, Path]:
         """Folders that must be seen, where they are, besides those that always are."""
-        return {p: Path(p) for p in [*self.prefixes, *self.python_path] if not p.startswith("/usr")}
+        return shown_at_own_paths(map(Path, [*self.prefixes, *self.python_path]))
+
+
+#: Remedies for a failed import from a named installation, and from the initial environment.
+_REPAIR_INSTALLATION = (
+    "Install there what is missing, or evaluate launch files with --launch standin."
+)
+_SOURCE_FIRST = (
+    "Source a ROS 2 installation in this terminal first. The interpreter (that of grade, or --python) must be of the "
+    "Python version that the installation was built for, as 3.12 for Jazzy on Ubuntu 24.04, with the pip packages of "
+    "grade's constraints.txt in it. Or leave --launch out: the stand-in needs no ROS installation."
+)
 
 
 def find_native_launch(
-    interpreter: Path, choice: str, without: Sequence[Path] = ()
+    installation: Installation, choice: str, without: Sequence[Path] = ()
 ) -> NativeLaunch | None:
-    """Find the real `launch` in the grader's initial environment; None for the stand-in.
+    """Find the real `launch` in a named installation, or else in the grader's initial environment.
 
-    The choice is "standin", "native" or "auto". Nothing is imported from the working folder, nor from the folders
-    `without`, which belong to submissions, whatever the environment says. Raises `PlatformError` if the real one was
-    asked for and cannot be imported.
+    Nothing is imported from the working folder, nor from the folders of submissions in `without`, whatever the
+    environment says.
+
+    Parameters
+    ----------
+    choice
+        "standin", "native" or "auto".
+
+    Returns
+    -------
+    None for the stand-in.
+
+    Raises
+    ------
+    PlatformError
+        The real one was asked for and cannot be imported.
     """
     if choice == "standin":
         return None
-    modules = absolute_entries("PYTHONPATH", without)
-    prefixes = list(filter(os.path.isdir, absolute_entries("AMENT_PREFIX_PATH", without)))
-    libraries = absolute_entries("LD_LIBRARY_PATH", without)
-    libraries += ros_environment(interpreter.parent.parent)["LD_LIBRARY_PATH"].split(":")
-    library_path = ":".join(dict.fromkeys(libraries))
-    more = {"AMENT_PREFIX_PATH": ":".join(prefixes), "LD_LIBRARY_PATH": library_path}
+    if installation.is_named:
+        return _in_named(installation, choice)
+    searched = _sourced_before(installation, without)
     try:
-        answer = ask_interpreter(interpreter, _FIND_LAUNCH, *modules, more=more)
-        python_path = list(json.loads(answer))
-        return NativeLaunch(python_path, prefixes, library_path)
-    except (ValueError, TypeError) as problem:
+        return _native(searched)
+    except ValueError as problem:
         if choice == "auto":
             return None
-        raise PlatformError(
-            f"the real launch and launch_ros cannot be imported ({problem})",
-            location=str(interpreter),
-            remedy="Source a ROS 2 installation in this terminal first. The interpreter (that of grade, or --python) "
-            "must be of the Python version that the installation was built for, as 3.12 for Jazzy on Ubuntu 24.04, "
-            "with the pip packages of grade's constraints.txt in it. Or leave --launch out: the stand-in needs no "
-            "ROS installation.",
-        ) from problem
+        raise _not_imported(str(installation.interpreter), problem, _SOURCE_FIRST) from problem
+
+
+def _in_named(installation: Installation, choice: str) -> NativeLaunch | None:
+    """Return the real `launch` of an installation; None if it has none and the choice is "auto"."""
+    has_launch = installation.has("launch_ros")
+    if choice == "auto" and not has_launch:
+        return None
+    try:
+        return _native(installation)
+    except ValueError as problem:
+        place = str(installation.prefix)
+        raise _not_imported(place, problem, _REPAIR_INSTALLATION) from problem
+
+
+def _native(installation: Installation) -> NativeLaunch:
+    """Import the real `launch`; raises ValueError with the reason if this fails."""
+    python_path = list(json.loads(ask(installation, _FIND_LAUNCH)))
+    library_path = ":".join(installation.paths["LD_LIBRARY_PATH"])
+    return NativeLaunch(python_path, list(installation.prefixes), library_path)
+
+
+def _not_imported(place: str, problem: ValueError, remedy: str) -> PlatformError:
+    words = f"the real launch and launch_ros cannot be imported ({problem})"
+    return PlatformError(words, location=place, remedy=remedy)
+
+
+def _sourced_before(installation: Installation, without: Sequence[Path]) -> Installation:
+    """Return an installation with the search paths of the grader's initial environment."""
+    modules = absolute_entries("PYTHONPATH", without)
+    prefixes = filter(os.path.isdir, absolute_entries("AMENT_PREFIX_PATH", without))
+    libraries = absolute_entries("LD_LIBRARY_PATH", without)
+    libraries += installation.paths["LD_LIBRARY_PATH"]
+    paths = {
+        **installation.paths,
+        "PYTHONPATH": tuple(modules),
+        "AMENT_PREFIX_PATH": tuple(prefixes),
+        "LD_LIBRARY_PATH": tuple(dict.fromkeys(libraries)),
+    }
+    return replace(installation, paths=paths)
 
 
 # -- what an interpreter finds ---------------------------------------------------------------------
 
-_FIND = "import importlib.util, sys; print(*(n for n in sys.argv[1:] if importlib.util.find_spec(n) is None))"
+_FIND = """
+import importlib.util
+print(*(name for name in sys.argv[1:] if importlib.util.find_spec(name) is None))
+"""
 
 
-def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
-    """Return the top-level modules that an interpreter does not find; None if it gives no answer.
+def absent_modules(installation: Installation, names: Sequence[str]) -> list[str] | None:
+    """Return the top-level modules missing in an installation; None if it gives no answer.
 
     Nothing of the submission is on its path, and no module is imported for it.
     """
-    own = (
-        [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
-        if interpreter == OWN_INTERPRETER
-        else []
-    )
-    unknown = [name for name in names if not own or PathFinder.find_spec(name, own) is None]
+    own = _own_modules(installation)
+    unknown = list(names)
+    if own:
+        unknown = list(filter(lambda name: PathFinder.find_spec(name, own) is None, names))
     if not unknown:
         return []
     try:
-        return ask_interpreter(interpreter, _FIND, *unknown).split()
+        return ask(installation, _FIND, *unknown).split()
     except ValueError:
         return None
+
+
+def _own_modules(installation: Installation) -> list[str]:
+    """Return the grader's folders of modules for its own wheels; an empty list for another installation."""
+    if installation.is_named:
+        return []
+    if installation.interpreter != OWN_INTERPRETER:
+        return []
+    return [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]

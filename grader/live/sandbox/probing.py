@@ -7,12 +7,17 @@ from pathlib import Path
 from confine import probing
 from confine.isolation import Isolation, Level
 from grader.errors import IsolationError
-from grader.live.sandbox.room import made_room
+from grader.live.sandbox.installation import wheels_of
+from grader.live.sandbox.room import StudentRoom, made_room
 
 
 def probe_isolation(interpreter: Path) -> Isolation:
     """Find the strongest confinement of students' programs that works here."""
-    return probing.probe_isolation(interpreter, made_room)
+    return probing.probe_isolation(interpreter, _room_of)
+
+
+def _room_of(scratch: Path, interpreter: Path) -> StudentRoom:
+    return made_room(scratch, wheels_of(interpreter))
 
 
 def require(isolation: Isolation, least: Level) -> None:

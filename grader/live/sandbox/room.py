@@ -11,6 +11,7 @@ import launch_plan
 import ros_bag
 from confine.room import SHARED_MEMORY, TEMPORARY, Room
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER
+from grader.live.sandbox.installation import Installation
 
 WORKSPACE = "/ws"
 HOME = "/home/student"
@@ -30,11 +31,13 @@ class StudentRoom(Room):
     """The room of a session's student; the grader's own packages, oracles and solution included, are covered."""
 
     @classmethod
-    def below(cls, scratch: Path, interpreter: Path) -> StudentRoom:
-        """Return the room of a sandbox with its own folders in `scratch`."""
+    def below(cls, scratch: Path, installation: Installation) -> StudentRoom:
+        """Return the room of a sandbox with its own folders in `scratch`, and an installation of ROS."""
+        interpreter = installation.interpreter
         areas = {seen: scratch / name for seen, name in _AREAS.items()}
         tools = {INSIDE: INSIDE_FOLDER, LAUNCHING: LAUNCHING_FOLDER}
         tools |= {seen: scratch / name for seen, name in _WRITTEN.items()}
+        tools |= installation.folders
         room = cls(areas, tools, interpreter, covered=())
         return cls(areas, tools, interpreter, covered=_own_folders(room.roots))
 
@@ -47,9 +50,9 @@ class StudentRoom(Room):
             self.tools[written].chmod(0o755)  # whatever the umask is
 
 
-def made_room(scratch: Path, interpreter: Path) -> StudentRoom:
+def made_room(scratch: Path, installation: Installation) -> StudentRoom:
     """Make the room of a sandbox in `scratch`, without file systems of its own."""
-    room = StudentRoom.below(scratch, interpreter)
+    room = StudentRoom.below(scratch, installation)
     room.make(scratch)
     return room
 

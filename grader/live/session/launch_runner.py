@@ -322,7 +322,9 @@ class LaunchRunner:
         """Return the command of an evaluation that writes its plan to a file descriptor."""
         sandbox = self._sandbox
         memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
-        program = command(sandbox.plan.interpreter, sandbox.seen[LAUNCHING], result_write)
+        program = command(
+            sandbox.plan.installation.interpreter, sandbox.seen[LAUNCHING], result_write
+        )
         return ["prlimit", f"--as={memory_bytes}", *program]
 
     async def _start_evaluation(
@@ -333,7 +335,9 @@ class LaunchRunner:
         if sandbox.isolation.namespaces:
             workspace = sandbox.launch_workspace
             sandbox.copy_workspace(sandbox.workspace, workspace)
-        environment = sandbox.environment({"PYTHONPATH": ""})
+        environment = sandbox.environment(
+            {"PYTHONPATH": ":".join(sandbox.plan.installation.modules)}
+        )
         folders: Mapping[str, Path] = {}
         native = sandbox.plan.native
         if native is not None:
@@ -456,7 +460,7 @@ class LaunchRunner:
         program = 0 if process.shell else len(process.prefix)
         named, rest = Path(command[program]).name, command[program + 1 :]
         if re.fullmatch(r"python3?(\.\d+)?", named):
-            return [*command[:program], str(sandbox.plan.interpreter), *rest]
+            return [*command[:program], str(sandbox.plan.installation.interpreter), *rest]
         if named == "ros2" and (run := ros2_run(rest)) is not None:
             package, executable, arguments = run
             installed = PurePosixPath("install/lib", package, executable)

@@ -8,6 +8,7 @@ from pathlib import Path
 from confine.isolation import Isolation
 from grader.lab.steps.base import Step
 from grader.live.sandbox.environment import NativeLaunch
+from grader.live.sandbox.installation import Installation
 from grader.live.session.program import StudentProgram
 from grader.recording.session import SessionRecord, StepRun
 
@@ -33,7 +34,7 @@ class SessionPlan:
     reference: dict[str, dict[str, str]]
     expected: list[str]
     isolation: Isolation
-    interpreter: Path
+    installation: Installation
     slot: int
     domain_id: int
     timeout_s: float

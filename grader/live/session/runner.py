@@ -22,6 +22,7 @@ from grader.errors import PlatformError, ProcessLostError
 from grader.lab.rubric import Rubric, SessionSpec
 from grader.live.process.waiting import side_by_side, within
 from grader.live.sandbox.environment import NativeLaunch
+from grader.live.sandbox.installation import Installation
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.plan import SessionPlan
 from grader.live.session.program import StudentProgram
@@ -94,7 +95,7 @@ class SessionRunner:
     programs: dict[str, StudentProgram]
     recordings: Path
     isolation: Isolation
-    interpreter: Path
+    installation: Installation
     seed: int
     versions: dict[str, str]
     forks: ForkServer
@@ -174,7 +175,7 @@ class SessionRunner:
             },
             expected=given_in_steps(self.rubric, *_NAMING),
             isolation=self.isolation,
-            interpreter=self.interpreter,
+            installation=self.installation,
             slot=slot,
             domain_id=0 if self.isolation.namespaces else slot,
             timeout_s=spec.timeout_s,

@@ -70,7 +70,7 @@ class StudentSandbox:
         self.uid = confined_uid(plan.isolation, plan.slot)
         self.processes: dict[str, RunningProcess] = {}
         self.trusted: list[RunningProcess] = []
-        self._room = StudentRoom.below(plan.scratch, plan.interpreter)
+        self._room = StudentRoom.below(plan.scratch, plan.installation)
         self.workspace, self.launch_workspace = self._room.areas[WORKSPACE], plan.scratch / "trial"
         self.parameters, self.interfaces = (
             self._room.tools[PARAMETERS],
@@ -140,7 +140,7 @@ class StudentSandbox:
     def environment(self, more: Mapping[str, str]) -> dict[str, str]:
         """Return the environment of a student's process, with some variables more."""
         base = student_environment(
-            self.plan.interpreter,
+            self.plan.installation,
             self.seen[HOME],
             self.seen[WORKSPACE],
             self.seen[INSIDE],

@@ -18,7 +18,7 @@ from confine.isolation import Isolation, Level
 from grader.judging.rubrics import read_rubric
 from grader.live.interfaces.build import Built, lacking_toolchain, provide
 from grader.live.interfaces.needs import Needed, provide_interfaces
-from grader.live.sandbox.environment import ros_environment, with_prefixes
+from grader.live.sandbox.environment import own_ros, with_prefixes
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.submission import SubmissionRecord
 from ros_bag.interfaces import InterfacePackage
@@ -85,9 +85,7 @@ def built(folder: Path, isolation: Isolation, *packages: InterfacePackage) -> tu
 
 def run(program: str, found: Built) -> str:
     """Run a program with the built packages on its path, like a student's program."""
-    environment = with_prefixes(
-        ros_environment(Path(sys.prefix)), [str(prefix) for prefix in found.prefixes.values()]
-    )
+    environment = with_prefixes(own_ros(), [str(prefix) for prefix in found.prefixes.values()])
     done = subprocess.run(
         [sys.executable, "-c", program],
         env=environment,

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from grader.live.sandbox.environment import student_environment
+from grader.live.sandbox.installation import wheels_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -21,7 +22,7 @@ def test_what_a_program_left_at_home_does_not_run_in_the_next(tmp_path: Path) ->
     python = Path(
         sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}"
     )
-    environment = student_environment(python, str(tmp_path), "/ws", "/inside", 0)
+    environment = student_environment(wheels_of(python), str(tmp_path), "/ws", "/inside", 0)
     own = Path(
         tmp_path,
         ".local/lib",

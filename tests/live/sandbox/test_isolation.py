@@ -23,6 +23,7 @@ from grader.errors import IsolationError
 from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.sandbox import environment
+from grader.live.sandbox.installation import wheels_of
 from grader.live.sandbox.probing import require
 from grader.live.session.runner import SessionRunner
 from grader.live.session.stage import stage
@@ -158,7 +159,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
             wrappers,
             lab.recordings,
             isolation,
-            PYTHON,
+            wheels_of(PYTHON),
             1,
             environment.versions(),
             branch,

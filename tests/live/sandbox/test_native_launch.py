@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from grader.live.sandbox.environment import find_native_launch
+from grader.live.sandbox.installation import wheels_of
 from tests.launch_plan.evaluations import ORIGINAL, needs_the_original
 
 pytestmark = pytest.mark.live
@@ -25,7 +26,7 @@ def test_the_real_launch_is_found_without_the_modules_of_a_submission(
         (modules / f"{name}.py").write_text(f"open({str(mark)!r}, 'w')\n", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", f"{modules}:{ORIGINAL}")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}/install:{ORIGINAL / 'prefix'}")
-    found = find_native_launch(Path(sys.executable), "native", [tmp_path])
+    found = find_native_launch(wheels_of(Path(sys.executable)), "native", [tmp_path])
     assert found is not None
     assert not mark.exists()
     assert str(modules) not in found.python_path

@@ -16,6 +16,7 @@ from confine.isolation import Isolation, Level
 from confine.namespaces import Form
 from grader.judging.rubrics import read_rubric
 from grader.live.process.process import RunningProcess
+from grader.live.sandbox.installation import wheels_of
 from grader.live.sandbox.room import INTERFACES, PARAMETERS, StudentRoom
 from grader.live.session.launch_runner import LaunchRunner, _run_until, with_places
 from grader.live.session.plan import SessionPlan
@@ -43,6 +44,8 @@ def test_a_plans_own_files_are_placed_in_one_pass() -> None:
     assert placed[:3] == ["/p/arm_1.yaml:/p/arm_12.yaml.", "{parameters}/else.yaml", "x" * 20]
 
 
+#: The grader's own wheels.
+ROS = wheels_of(Path(sys.executable))
 _COMPUTES = "import time\nwhile time.process_time() < float({s}):\n    pass"
 
 
@@ -103,7 +106,7 @@ def runner(tmp_path: Path) -> LaunchRunner:
     scratch = tmp_path / "scratch"
     plan = SessionPlan(
         SessionRecord("launch"), [], tmp_path, scratch, tmp_path / "staged", programs, {}, {}, [],
-        Isolation(Level.NO_CGROUP, Form.ROOT), Path(sys.executable), 0, 0, 60.0,
+        Isolation(Level.NO_CGROUP, Form.ROOT), ROS, 0, 0, 60.0,
     )  # fmt: skip
     sandbox = StudentSandbox(plan)
     sandbox.workspace.mkdir(parents=True)
@@ -116,7 +119,7 @@ def test_what_it_writes_for_its_nodes_can_be_read_whatever_the_umask_is(
 ) -> None:
     """Where the grader is root, the student's user is another."""
     (tmp_path / "room").mkdir()
-    room, before = StudentRoom.below(tmp_path / "room", Path(sys.executable)), os.umask(0o077)
+    room, before = StudentRoom.below(tmp_path / "room", ROS), os.umask(0o077)
     try:
         room.make(tmp_path / "room")
         runner._sandbox.parameters = room.tools[PARAMETERS]

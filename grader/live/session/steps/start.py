@@ -29,7 +29,7 @@ async def start(programs: Programs, step: StartStep) -> Answer:
         assert programs.director is not None
         await programs.director.forget()
     workspace = Path(programs.sandbox.seen[WORKSPACE])
-    command = program.command(str(workspace), programs.plan.interpreter)
+    command = program.command(str(workspace), programs.plan.installation.interpreter)
     arguments = _arguments(programs, step, artifact)
     if arguments:
         command += ["--ros-args", *arguments]
