@@ -16,7 +16,7 @@ from ros_bag.definitions import DefinitionNotFound, definition_of, share_folders
 from ros_bag.interfaces import InterfacePackage, shipped_packages
 
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-#: Packages of Jazzy with messages that `rosbags` describes, whose descriptions take 0.05 s to import.
+#: Packages of Jazzy that `rosbags` describes; an import of these descriptions takes 0.05 s.
 PACKAGES_OF_ROSBAGS = frozenset(
     {"action_msgs", "actionlib_msgs", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs"}
     | {"lifecycle_msgs", "nav_msgs", "rcl_interfaces", "rmw_dds_common", "rosbag2_interfaces"}
@@ -87,7 +87,7 @@ def _spelled_fields(fields: Sequence[tuple[str, tuple[int, Any]]]) -> Mapping[st
 
 @lru_cache(maxsize=32)
 def _types_of_rosbags(package: str) -> Mapping[str, Any]:
-    """Return the types that `rosbags` describes; none if a package is not among them."""
+    """Return the types of a package as `rosbags` describes them; none without the package."""
     if package not in PACKAGES_OF_ROSBAGS:
         return {}
     from rosbags.typesys import Stores, get_typestore
@@ -124,7 +124,11 @@ def installed_types(package: str, folder: str) -> tuple[str, ...]:
             found.add(f"{package}/{folder}/{path.stem}")
     if found or folder != "msg":
         return tuple(sorted(found))
-    return tuple(name for name in _types_of_rosbags(package) if name.startswith(f"{package}/msg/"))
+    described = []
+    for name in _types_of_rosbags(package):
+        if name.startswith(f"{package}/msg/"):
+            described.append(name)
+    return tuple(described)
 
 
 def packages_with(folder: str) -> tuple[str, ...]:

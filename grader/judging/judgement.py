@@ -200,8 +200,10 @@ def _compile_decoders(types: Iterable[str]) -> None:
 
 def _compile_functions(rubric: Rubric) -> None:
     """Compile the files with the functions of a lab's checks and figures, without executing them."""
-    functions = rubric.functions + rubric.functions_of_figures
-    for file in dict.fromkeys(function.partition(":")[0] for function in functions):
+    files = set()
+    for function in rubric.functions + rubric.functions_of_figures:
+        files.add(function.partition(":")[0])
+    for file in files:
         # A mistake is reported by the check that needs the file.
         with suppress(OSError, SyntaxError, ValueError):
             compiled((rubric.folder / file).read_bytes(), file)

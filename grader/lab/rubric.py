@@ -584,7 +584,8 @@ class Rubric(RubricFile):
         found: set[str] = set()
         for spec in self.checks():
             found.update(spec.given.references().names)
-            found.update(each.name for each in spec.given.sought())
+            for each in spec.given.sought():
+                found.add(each.name)
         return frozenset(found)
 
     @property

@@ -67,10 +67,9 @@ class _Names(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Keep the target of a link and the id of any element."""
         found = dict(attrs)
-        if tag == "a" and found.get("href"):
-            self.links.add(str(found["href"]))
-        if found.get("id"):
-            self.ids.add(str(found["id"]))
+        if tag == "a":
+            self.links.add(found.get("href") or "")
+        self.ids.add(found.get("id") or "")
 
 
 def test_pages_fit_a_phone_and_load_nothing_from_elsewhere(chromium: Browser, site: Path) -> None:

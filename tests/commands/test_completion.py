@@ -85,7 +85,9 @@ def until(text: str, terminal: int, limit_s: float = 20.0) -> str:
     """Read from a terminal until a text, or until it has been silent for 2 s."""
     screen = ""
     end_s = time.monotonic() + limit_s
-    while text not in screen and time.monotonic() < end_s:
+    while text not in screen:
+        if time.monotonic() > end_s:
+            break
         if select.select([terminal], [], [], 2.0)[0]:
             screen += os.read(terminal, 65536).decode(errors="replace")
         elif screen:

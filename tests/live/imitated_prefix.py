@@ -70,7 +70,9 @@ def imitate(prefix: Path, environment: Path = Path(sys.prefix)) -> Path:
 def add_launch(prefix: Path, original: Path) -> None:
     """Add the real `launch` and its packages to a prefix."""
     for folder in original.iterdir():
-        if folder.is_dir() and folder.name != "prefix":
+        if folder.name == "prefix":
+            continue
+        if folder.is_dir():
             shutil.copytree(folder, prefix / MODULES / folder.name)
     shutil.copytree(original / "prefix", prefix, dirs_exist_ok=True)
 

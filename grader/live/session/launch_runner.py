@@ -322,9 +322,8 @@ class LaunchRunner:
         """Return the command of an evaluation that writes its plan to a file descriptor."""
         sandbox = self._sandbox
         memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
-        program = command(
-            sandbox.plan.installation.interpreter, sandbox.seen[LAUNCHING], result_write
-        )
+        interpreter = sandbox.plan.installation.interpreter
+        program = command(interpreter, sandbox.seen[LAUNCHING], result_write)
         return ["prlimit", f"--as={memory_bytes}", *program]
 
     async def _start_evaluation(
@@ -335,9 +334,8 @@ class LaunchRunner:
         if sandbox.isolation.namespaces:
             workspace = sandbox.launch_workspace
             sandbox.copy_workspace(sandbox.workspace, workspace)
-        environment = sandbox.environment(
-            {"PYTHONPATH": ":".join(sandbox.plan.installation.modules)}
-        )
+        modules = ":".join(sandbox.plan.installation.modules)
+        environment = sandbox.environment({"PYTHONPATH": modules})
         folders: Mapping[str, Path] = {}
         native = sandbox.plan.native
         if native is not None:
@@ -457,7 +455,9 @@ class LaunchRunner:
             return ["sh", "-c", " ".join(command)]
         if process.shell:
             command = " ".join(command).split() or ["true"]
-        program = 0 if process.shell else len(process.prefix)
+        program = 0
+        if not process.shell:
+            program = len(process.prefix)
         named, rest = Path(command[program]).name, command[program + 1 :]
         if re.fullmatch(r"python3?(\.\d+)?", named):
             return [*command[:program], str(sandbox.plan.installation.interpreter), *rest]

@@ -37,7 +37,10 @@ def waits(context: Context, p: Parameters) -> Finding:
         return not_reached(f"LED {p.led} never went on.")
     dark_s = changes[0].seen_s - run.started_s
     measured = f"on {dark_s:.1f} s after the start of the program"
-    reason = f"LED {p.led} goes on {dark_s:.1f} s after the start of the battery's program, and the battery is full for {p.time_s:g} s."
+    reason = (
+        f"LED {p.led} goes on {dark_s:.1f} s after the start of the battery's program, "
+        f"and the battery is full for {p.time_s:g} s."
+    )
     return graded(float(dark_s > p.time_s - SLACK_S), expected, measured, reason)
 
 
