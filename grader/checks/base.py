@@ -69,13 +69,14 @@ class Context:
         return Location(session=self.session.record.session, process=artifact)
 
     def charged(self, check: str | None) -> bool:
-        """Tell whether a check, if any, has already taken points."""
+        """Tell whether a check, if any, has already taken points, or another check for the same mistake."""
         finding = None
         if check is not None:
             finding = self.findings.get(check)
         if finding is None:
             return False
-        return finding.outcome.took_points or finding.outcome is Outcome.NOT_REACHED
+        outcomes = (Outcome.NOT_REACHED, Outcome.EXCUSED)
+        return finding.outcome.took_points or finding.outcome in outcomes
 
     def charged_under(self, cause: str | None, by: Iterable[str | None] = ()) -> str:
         """Name another check with the charge for a mistake; empty without one.

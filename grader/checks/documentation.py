@@ -651,6 +651,12 @@ class ConceptsExplained(_OfFiles):
     min_words: int = Field(8, description="Words of its own from which a passage discusses.")
     full_concepts: int
     least_concepts: int = Field(1, description="With fewer there is no credit.")
+    figures_by: ref.EarlierCheckId | None = Field(
+        None, description="Check of the measured figures from which a text may argue."
+    )
+    unfounded_credit: Share = Field(
+        1.0, description="Share that a text with figures keeps if that check earns half or less."
+    )
 
 
 def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
@@ -667,11 +673,11 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         return _unclear(expected, measured, found.unclear)
     if len(found.discussed) < p.least_concepts:
         return _too_little(context, expected, measured, found, p.artifacts)
-    return _judge_discussion(expected, measured, found, p)
+    return _judge_discussion(context, expected, measured, found, p)
 
 
 def _judge_discussion(
-    expected: str, measured: str, found: Discussion, p: ConceptsExplained
+    context: Context, expected: str, measured: str, found: Discussion, p: ConceptsExplained
 ) -> Finding:
     """Judge the text that was found, and list its places."""
     covered = min(1.0, len(found.discussed) / p.full_concepts)
@@ -679,8 +685,14 @@ def _judge_discussion(
         share = 2 / 3 * covered + 1 / 3
     else:
         share = 1 / 3 * covered
-    reason = " ".join(_missing_discussion(found, p))
-    where = [] if reason else _locations(found)
+    missing = _missing_discussion(found, p)
+    where = [] if missing else _locations(found)
+    unfounded = _unfounded(context, p)
+    if unfounded is not None:
+        share *= p.unfounded_credit
+        missing.append(unfounded.reason)
+        where = [unfounded.where]
+    reason = " ".join(missing)
     notes = []
     for passage in found.strung:
         at = _at(passage.file, passage.line)
@@ -688,6 +700,50 @@ def _judge_discussion(
     hint = _discussion_hint(found, p)
     finding = graded(share, expected, measured, reason, hint=hint, where=where, notes=notes)
     return replace(finding, counted=_counted_concepts(found, p))
+
+
+#: A measured figure of a text, such as `0.55ms` or `1001 msgs`.
+_FIGURE = re.compile(r"\d\s{0,2}(?:ms|µs|us|msgs?|messages?)(?![a-z])")
+#: Number of figures from which a text reports a measurement; one may be a period.
+_LEAST_FIGURES = 2
+#: Credit of the check of figures up to which a text cannot argue from them.
+_REFUTED = 0.5
+
+
+@dataclass(frozen=True)
+class _Unfounded:
+    """Figures in a document that the recording refutes."""
+
+    reason: str
+    where: Location
+
+
+def _unfounded(context: Context, p: ConceptsExplained) -> _Unfounded | None:
+    """Return the figures from which a document argues although the check of figures refutes them."""
+    if not _are_refuted(context, p.figures_by):
+        return None
+    title = context.titles.get(str(p.figures_by), "")
+    for path in map(str, _documents(context)):
+        text = context.submission.texts[path][:_MOST_CHARACTERS]
+        figures = list(_FIGURE.finditer(text))
+        if len(figures) < _LEAST_FIGURES:
+            continue
+        line = text.count("\n", 0, figures[0].start()) + 1
+        reason = f"{path} argues from measured figures, which are wrong, as '{title}' says."
+        return _Unfounded(reason, Location(file=path, line=line))
+    return None
+
+
+def _are_refuted(context: Context, check: str | None) -> bool:
+    """Tell whether a check of figures took at least half of its points."""
+    if check is None:
+        return False
+    finding = context.findings.get(check)
+    if finding is None:
+        return False
+    if not finding.outcome.took_points:
+        return False
+    return finding.credit <= _REFUTED
 
 
 def _passages(context: Context, artifacts: Sequence[str]) -> list[Passage]:

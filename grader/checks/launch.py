@@ -471,9 +471,6 @@ class WantedNode(Parameters):
     artifact: ref.Artifact
     executable: ref.GivenName
     charged_by: ref.EarlierCheckId
-    types_charged_by: ref.EarlierCheckId | None = Field(
-        None, description="Check that charges parameters declared with a wrong type."
-    )
     hears_charged_by: ref.EarlierCheckId | None = Field(
         None,
         description="Check that charges what another node sends it; an exception by that is no second fault.",
@@ -714,8 +711,8 @@ def _chargers(context: Context, entry: Process, wanted: WantedNode) -> list[str 
         return by
     ended_alone = any(map(any, ends_alone.values()))
     if found.kind == "parameter-type":
-        by.append(wanted.types_charged_by)
-    elif end is not None and not ended_alone:
+        return by
+    if end is not None and not ended_alone:
         by.append(wanted.hears_charged_by)
     return by
 
@@ -1203,7 +1200,24 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     elif p.follows is not None:
         topic = p.follows.topic
     where = (context.location(topic),)
-    return of_parts(expected, [*judged, *down], where=where)
+    return of_parts(expected, [*judged, *down], costs=_moved(context, p), where=where)
+
+
+def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
+    """Charge all of the credit if the launch file moves the commands to a topic on which no other node listens."""
+    if p.commands is None:
+        return []
+    alone = context.sessions.get(p.commands.alone_session)
+    if alone is None:
+        return []
+    topic = p.commands.topic
+    by_hand = alone.used(topic)
+    launched = context.session.used(topic)
+    if launched in (topic, by_hand):
+        return []
+    reason = f"Launched, the commands are on {launched}, and alone on {by_hand}. "
+    reason += "A namespace moves each topic without a leading '/', and only these."
+    return [(1.0, reason)]
 
 
 def _whole(context: Context, p: LaunchTogether, span: Span | None) -> Span | None:

@@ -83,10 +83,14 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
         measured = f"at least {measured}"
     if endpoints:
         measured += f", from {endpoints[0].node}"
-    costs = _publisher_costs(context, p, endpoints, found_type)
-    source = claimed_at(claim_of(context, "publisher", p.topic))
-    where = (*source, context.location(p.topic))
-    return of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
+    part = _endpoint_part(measured, _endpoint_costs(context, p, endpoints, found_type))
+    part = context.charge_part(part, endpoint_cause(p.topic))
+    costs = p.node_faults([endpoint.node for endpoint in endpoints])
+    where = (
+        *claimed_at(claim_of(context, "publisher", p.topic)),
+        context.location(p.topic),
+    )
+    return of_parts(expected, [part], costs=costs, where=where)
 
 
 def _was_cut_short(context: Context, topic: str) -> bool:
@@ -97,17 +101,31 @@ def _was_cut_short(context: Context, topic: str) -> bool:
     return False
 
 
-def _publisher_costs(
+def _endpoint_part(measured: str, costs: Sequence[tuple[float, str]]) -> Part:
+    """Return the part of the right names, less the cost of each wrong one."""
+    part = Part(1.0, measured)
+    for cost, reason in costs:
+        left = max(0.0, part.share - cost)
+        part = replace(part, share=left, reason=f"{part.reason} {reason}".strip())
+    return part
+
+
+def endpoint_cause(topic: str) -> str:
+    """Name the mistake of a topic with another name or type."""
+    return f"endpoint {topic}"
+
+
+def _endpoint_costs(
     context: Context, p: TopicPublished, endpoints: Sequence[Endpoint], found_type: str
 ) -> list[tuple[float, str]]:
-    """Return the cost of each wrong name, type and definition, with a sentence about it."""
+    """Return the cost of a wrong topic, type and definition, with a sentence about each."""
     used = context.session.used(p.topic)
     nodes = [endpoint.node for endpoint in endpoints]
     costs = p.faults("topic", (p.topic, p.type), (used, found_type), nodes)
     wrong_definition = _wrong_definition(context, used, endpoints)
     if wrong_definition:
         costs.append((p.other_type_costs, wrong_definition))
-    return costs + p.node_faults(nodes)
+    return costs
 
 
 def _first_other(types: Sequence[str], wanted: str) -> str:
@@ -132,7 +150,8 @@ def _never_sent(
     if not _ran_on(context, p.artifact):
         return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
     part = Part(p.silent_credit, measured, reason, hint=_NO_TIMER_HINT)
-    costs = _publisher_costs(context, p, endpoints, found_type)
+    costs = _endpoint_costs(context, p, endpoints, found_type)
+    costs += p.node_faults([endpoint.node for endpoint in endpoints])
     silent = of_parts(expected, [part], costs=costs, where=(context.location(p.topic),))
     return unexplained(replace(silent, is_silent=True))
 
@@ -585,7 +604,38 @@ def _shown_jitter(p: TopicJitter, timing: Timing, shown_ms: str) -> str:
 class OfferedQos(QosWanted):
     """A publisher offers a QoS profile. History and depth come from the source and only advise."""
 
+    type: ref.MessageType | None = Field(
+        None,
+        description="Type of the topic; with it, another type or topic costs all, because nothing connects.",
+    )
+
+    @property
+    def other_domain_costs(self) -> float:
+        """The cost of another topic."""
+        return float(self.type is not None)
+
 
 def offered_qos(context: Context, p: OfferedQos) -> Finding:
     """Judge reliability and durability from discovery; history and depth only advise."""
-    return qos_as_wanted(context, p, "publisher", "offers")
+    finding = qos_as_wanted(context, p, "publisher", "offers")
+    reason = _unconnected(context, p)
+    if not reason:
+        return finding
+    cause = endpoint_cause(p.topic)
+    if context.charged_under(cause):
+        return finding
+    stray = failed(finding.expected, finding.measured, reason, where=finding.where)
+    return context.charge(stray, cause)
+
+
+def _unconnected(context: Context, p: OfferedQos) -> str:
+    """Say why no program of the lab connects with the publisher, whatever its QoS; empty if one can."""
+    if p.type is None:
+        return ""
+    used = context.session.used(p.topic)
+    if used != p.topic:
+        return f"It publishes on {used}, to which no program of the lab subscribes."
+    for endpoint in student_endpoints(context, p.topic, "publisher"):
+        if endpoint.type != p.type:
+            return f"Its type is {endpoint.type}, which no subscription of the lab takes."
+    return ""

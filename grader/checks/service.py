@@ -121,11 +121,6 @@ class CallAnswered(Parameters):
     again: ref.CallLabel | None = Field(
         None, description="A later step with the same request, which must get the same answer."
     )
-    again_charged_by: ref.EarlierCheckId | None = Field(
-        None,
-        description="Where this check took points, neither a later answer nor a contrary message takes any. "
-        "Without it, two checks of one service charge the dearer later answer, and each contrary message.",
-    )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(
         0.75, description="Credit of a right answer that is another one later."
@@ -327,11 +322,11 @@ def _judge_state(context: Context, answered: _Answered, p: CallAnswered) -> Find
     finding = _contrary(answered, p, later)
     if finding is not None:
         # Each report of the opposite misleads by itself.
-        return context.charge(finding, None, [p.again_charged_by])
+        return finding
     finding = _changed(answered, p, later)
     if finding is not None:
         cause = f"later answers of {_service_of(_step_that_counts(context, p))}"
-        return context.charge(finding, cause, [p.again_charged_by])
+        return context.charge(finding, cause)
     return None
 
 
@@ -501,6 +496,10 @@ class ParametersDeclared(Parameters):
     other_value_credit: Share = Field(
         0.5, description="Credit of one that is declared with another type or default."
     )
+    other_type_costs: Share = Field(
+        0.0,
+        description="Share of the whole that another type costs: a value of the wanted type ends the node.",
+    )
 
 
 def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
@@ -512,6 +511,7 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     values = GetParametersResult.of(step).read
     node = GetParametersStep.given(step).node
     parts = []
+    costs = []
     for wanted in p.parameters:
         got = values.get(wanted.name)
         overwritten = _overwritten(context)
@@ -519,10 +519,24 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
             parts.append(overwritten)
             continue
         part = _judge_parameter(wanted, got, p)
-        parts.append(context.charge_part(part, parameter_cause(node, wanted.name)))
+        part = context.charge_part(part, parameter_cause(node, wanted.name))
+        if part.share < 1:
+            costs.append((_cost_of_type(wanted, got, p), ""))
+        parts.append(part)
     read = [f"{name} = {got.value!r}" for name, got in values.items()]
     measured = ", ".join(read) or "none of them"
-    return of_parts(expected, parts, measured=measured)
+    return of_parts(expected, parts, measured=measured, costs=costs)
+
+
+def _cost_of_type(
+    wanted: WantedParameter, got: ParameterValue | None, p: ParametersDeclared
+) -> float:
+    """Return the share of the whole that another type of a parameter costs."""
+    if got is None:
+        return 0.0
+    if got.type == wanted.type:
+        return 0.0
+    return p.other_type_costs
 
 
 def _overwritten(context: Context) -> Part | None:

@@ -313,7 +313,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
         parts.append(part)
         if part.share < _RECOGNISED:
             unrecognised.append(component)
-    parts.append(_judge_others(series.values, p))
+    parts = _with_others(parts, series.values, p)
     danger = _danger(series, p, fits)
     if danger is None:
         danger = _Danger(_swapped(series, p, unrecognised))
@@ -336,13 +336,17 @@ def _expected_sinusoids(p: Sinusoids) -> str:
     return f"{', '.join(wanted)}, the others 0"
 
 
-def _judge_others(values: Floats, p: Sinusoids) -> Part:
-    """Judge whether the elements without a component stay at 0."""
+def _with_others(parts: Sequence[Part], values: Floats, p: Sinusoids) -> list[Part]:
+    """Return the parts of components, with a missed part if an element without one moves.
+
+    Elements at rest earn nothing by themselves.
+    """
     moving = _others_that_move(values, p)
     if not moving:
-        return Part(1.0)
+        return list(parts)
     elements = ", ".join(map(str, moving))
-    return Part(0.0, reason=f"Element {elements} should stay at 0, but does not.")
+    reason = f"Element {elements} should stay at 0, but does not."
+    return [*parts, Part(0.0, reason=reason)]
 
 
 def _swapped(series: Series, p: Sinusoids, components: Sequence[Component]) -> str:

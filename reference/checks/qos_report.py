@@ -425,7 +425,7 @@ def _judge_row(
     if not got.count:
         unheard = context.unheard(row.topic)
         if unheard:
-            return _Judged(0.5, f"{counted}, which is true. {unheard}")
+            return _Judged(0.0, f"{counted}, so nothing was measured. {unheard}")
     if not context.endpoints(row.topic, "subscription"):
         return _Judged(0.0, f"{counted}, but nothing subscribes to {row.topic}.")
     slack = _count_slack(p, written)

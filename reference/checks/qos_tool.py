@@ -170,7 +170,10 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
             delayed = context.delayed(run, started_s, ended_s)
             delay = max(delay, delayed)
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
-    parts = [_judge_traffic(context, p, topic, delay) for topic in p.topics]
+    parts = []
+    for topic in p.topics:
+        part = _judge_traffic(context, p, topic, delay)
+        parts.append(part)
     return of_parts(expected, parts, doubt=delay.why)
 
 
@@ -226,6 +229,9 @@ class QosProfiles(BaseModel):
     profiles: tuple[WantedProfile, ...] = Field(min_length=1)
     one_sided_credit: Share = Field(
         0.5, description="Most of a profile's credit where a side of its topic is lacking."
+    )
+    unmatched_credit: Share = Field(
+        1.0, description="Most of a profile's credit where its two sides cannot be connected."
     )
     alike_credit: Share = Field(
         1.0, description="Most of the credit where all profiles are one and the same."
@@ -298,7 +304,14 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
         subscription = _Side.of(context, "subscription", wanted.topic)
         both = (publisher, subscription)
         sides[wanted] = both
-        parts.append(_judge_profile(wanted, both, p.one_sided_credit))
+        part = _judge_profile(wanted, both, p.one_sided_credit)
+        unheard = ""
+        if subscription.seen:
+            unheard = context.unheard(wanted.topic)
+        if unheard:
+            most = min(part.share, p.unmatched_credit)
+            part = replace(part, share=most)
+        parts.append(part)
     if _all_alike(sides):
         parts = _limited(parts, p.alike_credit)
     expected = "; ".join(map(_shown_profile, p.profiles))

@@ -59,10 +59,6 @@ class CallGated(BaseModel):
         None,
         description="Check of the answer in the normal case; if that one fails, this is not tested.",
     )
-    allowed_charged_by: EarlierCheckId | None = Field(
-        None,
-        description="Where this check took points, another answer to the allowed call takes none.",
-    )
     refused: Annotated[Mapping[str, Any], fields_of_type("_Response", "refused_step")]
     recovered: Annotated[Mapping[str, Any], fields_of_type("_Response", "recovered_step")]
     message_field: Annotated[str, fields_of_type("_Response", "refused_step")] = "message"
@@ -319,10 +315,8 @@ def _parameter_cause(step: Step | None) -> str | None:
 
 
 def _disallowed(context: Context, p: CallGated) -> Answer:
-    """Return another answer to the call that must stay possible; None if it is right or charged."""
+    """Return another answer to the call that must stay possible; None if it is right."""
     if p.allowed_step is None:
-        return None
-    if context.charged(p.allowed_charged_by):
         return None
     step = context.step(p.allowed_step)
     if not _was_sent(step):

@@ -299,6 +299,30 @@ def test_concepts_that_are_weighed_pass() -> None:
     assert finding.counted[-1].endswith("”")
 
 
+MEASURED = DISCUSSED + "\n    fast: 1001 msgs, avg latency: 0.00ms\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "figures", "credit"),
+    [
+        (MEASURED, "0.25", "0.6"),
+        (MEASURED, "0.75", "1"),
+        (DISCUSSED, "0.25", "1"),
+        (DISCUSSED + "\nA period is 10 ms.\n", "0.25", "1"),
+    ],
+)
+def test_a_text_cannot_argue_from_refuted_figures(text: str, figures: str, credit: str) -> None:
+    """A README with measured figures keeps a share if the check of the figures earns half or less."""
+    wanted = {**CONCEPTS, "figures_by": "honest", "unfounded_credit": 0.6}
+    refuted = {"honest": Finding(Outcome.PARTIAL, Decimal(figures), "", "")}
+    record = submission({"README.md": text})
+    finding = judged("concepts_explained", wanted, None, record, findings=refuted)
+    assert finding.credit == Decimal(credit)
+    assert ("argues from measured figures" in finding.reason) == (credit != "1")
+    if credit != "1":
+        assert str(finding.where[0]) == "README.md:6"
+
+
 def test_one_concept_is_too_little() -> None:
     """Below the least number of concepts there is no credit."""
     text = "# QoS\n\nThe QoS profile of this lab is reliable for all the commands that we send.\n"

@@ -538,23 +538,6 @@ def test_a_parameter_of_another_type_shows_both_places(tmp_path: Path) -> None:
     assert "quotation marks" in finding.hint
 
 
-@pytest.mark.parametrize(("charged", "credit"), [(FAILED, "1"), (passed("", ""), "0.5")])
-def test_a_type_that_the_node_declares_wrongly_is_charged_once(
-    tmp_path: Path, charged: Finding, credit: str
-) -> None:
-    """A wrong type is not charged to the launch file if the node's parameter check took points."""
-    wanted = {
-        "step": "plan",
-        "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]],
-    }
-    session = planned(
-        Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")]
-    )
-    session.process("talk-1", artifact=None, **died_of("BOOL", "STRING", "True"))
-    finding = judged("launch_nodes", wanted, session.node("/listener"), findings={"types": charged})
-    assert finding.credit == Decimal(credit)
-
-
 def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
     """A node that ends with an error, as one with a parameter of a wrong type, does not count by its first moment."""
     said = [
@@ -773,6 +756,27 @@ def test_each_of_three_parts_counts(
     finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)})
     assert float(finding.credit) == pytest.approx(credit, abs=0.01)
     assert words in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("launched", "by_hand", "credit"),
+    [("/arm/commands", "/commands", 0), ("/x", "/x", 1), ("/commands", "/x", 1)],
+)
+def test_commands_that_the_launch_file_moves_away_reach_nobody(
+    tmp_path: Path, launched: str, by_hand: str, credit: int
+) -> None:
+    """A namespace that moves the commands costs all; another name of the program's own costs nothing here."""
+    times = evenly(100, 3.0)
+    rows = [[x] for x in np.sin(times).tolist()]
+    both = []
+    for folder, name, used in (("a", "test", launched), ("b", "alone", by_hand)):
+        session = Session(tmp_path / folder, name).called(f"/commands={used}")
+        both.append(session.messages(used, rows, times).window(0.9, 4.1))
+    wanted = {"commands": TOGETHER["commands"]}
+    others = {"alone": both[1].recorded()}
+    finding = judged("launch_together", wanted, both[0], others=others)
+    assert finding.credit == credit
+    assert ("namespace" in finding.reason) == (not credit)
 
 
 @pytest.mark.parametrize(("gain", "credit"), [(1.0, 1), (0.6, 1), (0.3, 0)])

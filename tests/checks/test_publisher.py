@@ -751,3 +751,20 @@ def test_a_rate_that_just_fails_does_not_read_as_the_one_wanted(tmp_path: Path) 
     assert "99.99 to 100.01 Hz" in finding.expected
     assert "100.0 Hz" not in finding.reason
     assert " 0.0%" not in finding.reason
+
+
+@pytest.mark.parametrize(("used", "outcome"), [(TOPIC, Outcome.PASSED), ("/x", Outcome.FAILED)])
+def test_a_publisher_on_another_topic_reaches_nothing(
+    tmp_path: Path, used: str, outcome: Outcome
+) -> None:
+    """Another topic costs all of a profile with a type, by the cause of the check of the topic."""
+    session = Session(tmp_path).called(f"{TOPIC}={used}").endpoint("publisher", used)
+    session.messages(used, [[0.0]] * 2, [1.0, 2.0])
+    wanted = {"topic": TOPIC, "reliability": "reliable", "type": FLOATS}
+    finding = judged("offered_qos", wanted, session)
+    assert finding.outcome is outcome
+    published = judged(
+        "topic_published", {"artifact": "it", "topic": TOPIC, "type": FLOATS}, session
+    )
+    assert published.causes == finding.causes
+    assert bool(finding.causes) == (outcome is Outcome.FAILED)

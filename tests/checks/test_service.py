@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from grader.result import Finding, Outcome
+from grader.result import Outcome
 from tests.synthetic import Session, at, judged, submission
 
 NAME, SET_BOOL = "/robot/enable", "std_srvs/srv/SetBool"
@@ -174,21 +174,6 @@ def test_a_contrary_message_misleads_at_each_request(tmp_path: Path) -> None:
     assert (finding.outcome, finding.causes) == (Outcome.FAILED, ())
 
 
-@pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.EXCUSED), ("1", Outcome.FAILED)])
-def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
-    """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
-    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
-    before = {
-        "first": Finding(
-            Outcome.PARTIAL if credit != "1" else Outcome.PASSED, Decimal(credit), "", ""
-        )
-    }
-    finding = judged(
-        "call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=before
-    )
-    assert finding.outcome is outcome
-
-
 @pytest.mark.parametrize(("default", "credit"), [(False, "1"), (True, "0"), ("false", "0")])
 def test_another_default_is_not_charged_with_the_answer(
     tmp_path: Path, default: Any, credit: str
@@ -208,13 +193,8 @@ def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
     session = called(
         called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False))
     )
-    taken = {"first": Finding(Outcome.PARTIAL, Decimal("0.75"), "", "")}
-    finding = judged(
-        "call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=taken
-    )
-    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
-    alone = judged("call_answered", AGAIN, session)
-    assert (alone.outcome, alone.causes) == (Outcome.PARTIAL, (f"later answers of {NAME}",))
+    finding = judged("call_answered", AGAIN, session)
+    assert (finding.outcome, finding.causes) == (Outcome.PARTIAL, (f"later answers of {NAME}",))
 
 
 def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
@@ -297,6 +277,15 @@ def test_each_parameter_is_a_part(
     finding = judged("parameters_declared", DECLARED, session)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+def test_a_type_that_ends_the_launched_node_costs_what_the_rubric_says(tmp_path: Path) -> None:
+    """A parameter of another type costs all of the check."""
+    plain = {"limit": {"type": "integer", "value": 1}, "safe": {"type": "bool", "value": True}}
+    session = Session(tmp_path).step("get_parameters", "defaults", values=plain)
+    finding = judged("parameters_declared", {**DECLARED, "other_type_costs": 1}, session)
+    assert finding.outcome is Outcome.FAILED
+    assert len(finding.causes) == 1
 
 
 def test_an_overwritten_attribute_is_one_mistake_of_call_and_parameters(tmp_path: Path) -> None:

@@ -117,17 +117,17 @@ def test_a_wrong_rate_is_not_charged_again(tmp_path: Path, by_clock: bool) -> No
     ("how", "credit", "words"),
     [
         ({"amplitude": 0.515}, 1.0, ""),
-        ({"amplitude": 0.7}, 0.833, "amplitude 0.700"),
-        ({"frequency_hz": 0.3}, 0.833, "frequency 0.300"),
-        ({"amplitude": 0.7, "frequency_hz": 0.3}, 0.667, "(wanted 0.5 and 0.2 Hz)"),
+        ({"amplitude": 0.7}, 0.75, "amplitude 0.700"),
+        ({"frequency_hz": 0.3}, 0.75, "frequency 0.300"),
+        ({"amplitude": 0.7, "frequency_hz": 0.3}, 0.5, "(wanted 0.5 and 0.2 Hz)"),
         ({"others": 0.1}, 0.667, "Element 2, 3, 4, 5, 6 should stay at 0"),
-        ({"amplitude": 0.0}, 0.667, "Element 0 does not move"),
+        ({"amplitude": 0.0}, 0.5, "Element 0 does not move"),
     ],
 )
 def test_each_wrong_part_of_the_motion_costs_its_part(
     tmp_path: Path, how: dict[str, Any], credit: float, words: str
 ) -> None:
-    """Amplitude and frequency are half of a third each; the resting elements are a third."""
+    """Amplitude and frequency are a quarter each; elements that should rest cost a third, and earn nothing at rest."""
     finding = moving(tmp_path, **how)
     assert float(finding.credit) == pytest.approx(credit, abs=0.001)
     assert words in finding.reason
@@ -149,7 +149,7 @@ def test_a_motion_the_wrong_way_is_named(tmp_path: Path) -> None:
     times = np.array(evenly(100, 6.0))
     rows = [[-row[0], *row[1:]] for row in motion(np.arange(len(times)) * 0.01)]
     finding = judged(SINUSOIDS, MOTION, published(tmp_path, times.tolist(), rows))
-    assert float(finding.credit) == pytest.approx(0.889, abs=0.001)
+    assert float(finding.credit) == pytest.approx(0.833, abs=0.001)
     assert (
         "begins -180° into its sine" in finding.reason
         or "begins 180° into its sine" in finding.reason
@@ -159,7 +159,7 @@ def test_a_motion_the_wrong_way_is_named(tmp_path: Path) -> None:
 def test_a_motion_ten_times_too_fast_is_named(tmp_path: Path) -> None:
     """A t that grows too fast costs the frequency and not the amplitude."""
     finding = moving(tmp_path, frequency_hz=2.0)
-    assert float(finding.credit) == pytest.approx(0.833, abs=0.001)
+    assert float(finding.credit) == pytest.approx(0.75, abs=0.001)
     assert "frequency 2.000 Hz (wanted 0.5 and 0.2 Hz)" in finding.reason
 
 
@@ -175,7 +175,7 @@ def test_a_slip_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
 def test_an_offset_is_a_mistake_and_is_named(tmp_path: Path) -> None:
     """A sinusoid that does not swing about zero loses points, and the reason says why."""
     finding = moving(tmp_path, offset=0.2)
-    assert float(finding.credit) == pytest.approx(0.833, abs=0.001)
+    assert float(finding.credit) == pytest.approx(0.75, abs=0.001)
     assert "about 0.200 instead of 0" in finding.reason
 
 

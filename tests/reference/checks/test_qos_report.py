@@ -43,6 +43,19 @@ def row(count: int = 1000, mean_ms: float = 1.0, max_ms: float = 3.0, name: str 
     return f"{name:10}: {count:5} msgs, avg latency: {mean_ms:.2f}ms, max: {max_ms:.2f}ms"
 
 
+def test_a_row_of_sides_that_cannot_connect_shows_nothing(tmp_path: Path) -> None:
+    """No message is a true count; nothing was measured, and the reason names the policy."""
+    session = Session(tmp_path).process(
+        "it", [f"{'fast':10}:     0 msgs, avg latency: 0ms, max: 0ms"]
+    )
+    session.endpoint("publisher", TOPIC, qos=replace(RELIABLE, reliability="best_effort"))
+    session.endpoint("subscription", TOPIC)
+    session.messages(TOPIC, [[0.0]] * 101, evenly(100, 1.0))
+    finding = judged(REPORTED_TRAFFIC, REPORTED, session)
+    assert finding.credit == 0
+    assert "so nothing was measured. The two sides of /test_fast are incompatible" in finding.reason
+
+
 LAMBDA = "for name in names:\n    create_subscription(T, name, lambda m: on({}, m), 10)\n"
 
 

@@ -255,6 +255,19 @@ def test_sides_that_differ_are_distinguished(tmp_path: Path) -> None:
     assert "subscription best_effort" in finding.measured
 
 
+@pytest.mark.parametrize(("kept", "credit"), [(0, "0"), (1, "0.875")])
+def test_a_profile_whose_sides_cannot_connect_compares_nothing(
+    tmp_path: Path, kept: int, credit: str
+) -> None:
+    """A subscription that requests more than is offered keeps the credit that the rubric leaves."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC, qos=BEST_EFFORT)
+    session.endpoint("subscription", TOPIC)
+    for kind in ("publisher", "subscription"):
+        session.claim(kind, TOPIC, qos=CLAIM)
+    wanted = {**PROFILES, "unmatched_credit": kept}
+    assert judged(QOS_PROFILES, wanted, session).credit == Decimal(credit)
+
+
 def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
     """A topic that is not there has no profile."""
     assert profiled(tmp_path, RELIABLE, kinds=()).outcome is Outcome.FAILED
