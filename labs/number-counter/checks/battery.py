@@ -27,15 +27,16 @@ class Change:
 
 
 def waits(context: Context, p: Parameters) -> Finding:
-    """The LED is dark until the battery is empty, whose time begins after its program."""
+    """The LED is dark until the battery is empty, some seconds after the start of its program."""
     run = context.process(p.process)
     changes = _changes(context, p)
     expected = f"dark for {p.time_s:g} s"
-    if run is None or not changes:
+    if not (run and changes):
         return not_reached(f"LED {p.led} never went on.")
     dark_s = changes[0].seen_s - run.started_s
     measured = f"on {dark_s:.1f} s after the start of the program"
-    reason = f"LED {p.led} goes on {dark_s:.1f} s after the start of the battery's program, and the battery is full for {p.time_s:g} s."
+    seen = f"LED {p.led} goes on {dark_s:.1f} s after the start of the battery's program"
+    reason = f"{seen}, and the battery is full for {p.time_s:g} s."
     return graded(float(dark_s > p.time_s - SLACK_S), expected, measured, reason)
 
 
@@ -68,7 +69,9 @@ def _changes(context: Context, p: Parameters) -> list[Change]:
     is_on = False
     before_s = 0.0
     for time_s, states in zip(messages.received_s, messages.numbers("states"), strict=True):
-        if states is None or len(states) < p.led:
+        if states is None:
+            continue
+        if len(states) < p.led:
             continue
         if bool(states[p.led - 1]) != is_on:
             is_on = not is_on
