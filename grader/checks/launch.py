@@ -32,11 +32,12 @@ from grader.checks.preconditions import environment_gap_of
 from grader.checks.service import parameter_cause
 from grader.evidence import bounds
 from grader.evidence.bounds import MANY_DELAYS, Delayed
-from grader.evidence.build_faults import build_fault, placement_fault, start_fault
+from grader.evidence.build_faults import build_fault
 from grader.evidence.compiled import not_assessable, unbuilt_programs, why_not_built
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.environment_gap import absent_module
+from grader.evidence.installed_faults import start_fault, use_fault
 from grader.evidence.newer_python import python_needed
 from grader.evidence.recorded import Floats, NumericStream, clock_step_s
 from grader.evidence.timing import timing_of
@@ -261,7 +262,7 @@ def _package_faults(context: Context, artifact: str, plan: Plan) -> dict[str, Re
         build = context.submission.build_of(package)
         fault = None
         if build is not None and not why_not_built(build):
-            fault = build_fault(package, build, texts) or placement_fault(package, build, texts)
+            fault = build_fault(package, build, texts) or use_fault(package, build, texts)
         if fault is None:
             fault = start_fault(package, build, texts, filter(None, named))
         if fault is not None:

@@ -15,14 +15,20 @@ from grader.evidence.build_faults import (
     BuildFault,
     build_fault,
     built_folders,
-    executables_in,
-    has_own_marker,
-    placement_fault,
-    start_fault,
-    undeclared_dependencies,
+    is_put_aside,
+    line_with,
+    within,
 )
 from grader.evidence.compiled import why_not_built
+from grader.evidence.installed_faults import (
+    entry_fault,
+    executables_in,
+    has_own_marker,
+    start_fault,
+    use_fault,
+)
 from grader.evidence.known_packages import ros_packages
+from grader.evidence.manifest_faults import misspelt_dependencies, undeclared_dependencies
 from grader.lab import references as ref
 from grader.lab.references import Parameters
 from grader.recording.submission import BuildFact, PackageFact
@@ -90,11 +96,7 @@ def _wanted(context: Context, p: PackageBuilds) -> list[PackageFact]:
     submission = context.submission
     if p.package is not None:
         return [package for package in submission.packages if package.name == p.package]
-    ignored = []
-    for build in submission.builds or []:
-        if build.outcome == "ignored":
-            ignored.append(build.path)
-    found = [package for package in submission.packages if package.path not in ignored]
+    found = [each for each in submission.packages if not is_put_aside(each, submission.texts)]
     return found or submission.packages
 
 
@@ -108,6 +110,15 @@ def _undecided(package: PackageFact, build: BuildFact | None) -> str:
 
 def _manifest(package: PackageFact) -> Location:
     return Location(file=f"{package.path}/package.xml".lstrip("/"))
+
+
+def _in_build_file(context: Context, package: PackageFact, *texts: str) -> tuple[Location, ...]:
+    """Return the build file of a package, at the first line with one of some texts."""
+    name = "CMakeLists.txt"
+    if package.build_type == "ament_python":
+        name = "setup.py"
+    file = within(package, name)
+    return (Location(file=file, line=line_with(context.submission.texts.get(file, ""), *texts)),)
 
 
 def build_cause(package: PackageFact) -> str:
@@ -144,9 +155,12 @@ def _lost(fault: BuildFault) -> Part:
 def _runs(context: Context, p: PackageBuilds, package: PackageFact, build: BuildFact) -> Part:
     """Judge the executables found and started by `ros2 run`."""
     found = executables_in(build)
-    fault = placement_fault(package, build, context.submission.texts)
+    texts = context.submission.texts
+    fault = use_fault(package, build, texts)
     if fault is None:
-        fault = start_fault(package, build, context.submission.texts, found)
+        fault = start_fault(package, build, texts, found)
+    if fault is None:
+        fault = entry_fault(package, build, texts)
     if fault is not None:
         part = replace(_lost(fault), text="executables that ROS cannot start")
         return context.charge_part(part, build_cause(package))
@@ -155,8 +169,11 @@ def _runs(context: Context, p: PackageBuilds, package: PackageFact, build: Build
         named = _named(missing)
         reason = f"The package {package.name} installs no executable {named}."
         hint = f"Add '{missing[0]} = {package.name}.MODULE:main' to console_scripts in setup.py."
+        where = _in_build_file(context, package, "console_scripts")
+        if package.build_type != "ament_python":
+            hint = f"Add install(TARGETS {missing[0]} DESTINATION lib/${{PROJECT_NAME}}) to CMakeLists.txt."
+            where = _in_build_file(context, package, f"add_executable({missing[0]}")
         share = 1 - len(missing) / len(p.executables)
-        where = (_manifest(package),)
         return Part(share, f"no executable {named}", reason, hint=hint, where=where)
     return Part(1.0, f"{len(found)} executables")
 
@@ -175,9 +192,12 @@ def _shares(context: Context, p: PackageBuilds, package: PackageFact, build: Bui
     named = _named(missing)
     reason = f"The package {package.name} does not install {named} in share/{package.name}."
     folder = str(PurePosixPath(missing[0]).parent)
-    hint = f"Add ('share/{package.name}/{folder}', [...]) to data_files in setup.py."
+    hint = f"Add ('share/{package.name}/{folder}', ['{missing[0]}']) to data_files in setup.py."
+    where = _in_build_file(context, package, f"/{folder}'", f'/{folder}"', "data_files")
+    if package.build_type != "ament_python":
+        hint = f"Add install(DIRECTORY {folder} DESTINATION share/${{PROJECT_NAME}}) to CMakeLists.txt."
+        where = _in_build_file(context, package, f"DIRECTORY {folder}", "ament_package(")
     share = 1 - len(missing) / len(p.files)
-    where = (_manifest(package),)
     return Part(share, f"without {named}", reason, hint=hint, where=where)
 
 
@@ -188,11 +208,21 @@ def _marker(context: Context, p: PackageBuilds, package: PackageFact, build: Bui
     reason = f"The build files of {package.name} do not install its marker in the index of ROS."
     folder = "share/ament_index/resource_index/packages"
     hint = f"Add ('{folder}', ['resource/{package.name}']) to data_files in setup.py."
-    return Part(0.0, "no marker", reason, hint=hint, where=(_manifest(package),))
+    if package.build_type != "ament_python":
+        hint = "Write ament_package() as the last line of CMakeLists.txt."
+    where = _in_build_file(context, package, "data_files")
+    return Part(0.0, "no marker", reason, hint=hint, where=where)
 
 
 def _declares(context: Context, p: PackageBuilds, package: PackageFact, build: BuildFact) -> Part:
-    """Judge whether package.xml names all imported packages of ROS."""
+    """Judge whether package.xml names all imported packages of ROS, and by their names."""
+    misspelt = misspelt_dependencies(context.submission, package)
+    for name, meant in misspelt.items():
+        reason = f"package.xml of {package.name} names {name}, which no distribution of ROS 2 has."
+        line = line_with(context.submission.texts[within(package, "package.xml")], f">{name}<")
+        place = replace(_manifest(package), line=line)
+        hint = f"Write {meant} instead of {name}."
+        return Part(0.0, f"{name} misspelt", reason, hint=hint, where=(place,))
     found = undeclared_dependencies(context.submission, package, ros_packages())
     if not found:
         return Part(1.0, "it declares its dependencies")

@@ -9,7 +9,7 @@ from typing import Any
 from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
 from grader.checks.situation import Measurement, Situation
-from grader.evidence.build_faults import build_fault, executables_in
+from grader.evidence.build_faults import build_fault
 from grader.evidence.compiled import (
     not_assessable,
     package_of,
@@ -20,6 +20,7 @@ from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap as missing_here
+from grader.evidence.installed_faults import executables_in
 from grader.evidence.recorded import clock_step_s
 from grader.evidence.source_causes import OTHER_DOMAIN, silent_cause
 from grader.evidence.text.starter import untouched

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
+from grader.evidence.known_packages import package_meant_by
 from grader.recording.submission import BuildFact, PackageFact, SubmissionRecord
 
 #: Where a build sees the files of a submission.
 _SOURCES = "/ws/src/"
 #: Characters of a message that are shown.
 _LONGEST = 300
-_MARKER = "share/ament_index/resource_index/packages"
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class _Place:
     words: str
     file: str = ""
     line: int | None = None
+    #: Text in the line, if the message does not name its number; by default the name in quotes of the message.
+    line_has: str = ""
 
 
 # -- a package that is not built ---------------------------------------------------------------------
@@ -46,8 +48,8 @@ def build_fault(
         return _ignored(package, texts)
     if build.outcome != "failed":
         return None
-    found = _place_of(package, build.output)
-    remedy = _remedy(package, found.words)
+    found = _place_of(package, f"{build.output}\n")
+    remedy = _remedy(package, found.words, texts)
     line = found.line
     if line is None:
         line = _line_of(found, texts)
@@ -59,42 +61,47 @@ def build_fault(
     )
 
 
+def is_put_aside(package: PackageFact, texts: Mapping[str, str]) -> bool:
+    """Return whether a COLCON_IGNORE lies in a folder of the package, or above it."""
+    parents = PurePosixPath(within(package, "package.xml")).parents
+    return any(str(above / "COLCON_IGNORE") in texts for above in parents)
+
+
 def _ignored(package: PackageFact, texts: Mapping[str, str]) -> BuildFault:
     """Return the fault of a package that colcon does not find."""
-    manifest = _within(package, "package.xml")
+    manifest = within(package, "package.xml")
     for problem in package.problems:
         if problem.startswith("package.xml"):
             message = f"`colcon build` finds no package of ROS in {manifest}: {problem}"
             return BuildFault(message, "Correct package.xml.", manifest)
     message = f"`colcon build` does not find the package {package.name}"
-    for above in PurePosixPath(manifest).parents:
-        if str(above / "COLCON_IGNORE") in texts:
-            return BuildFault(
-                f"{message}: COLCON_IGNORE is beside it.", "Remove COLCON_IGNORE.", manifest
-            )
+    if is_put_aside(package, texts):
+        message = f"{message}: COLCON_IGNORE is beside it."
+        return BuildFault(message, "Remove COLCON_IGNORE.", manifest)
     remedy = "Move the package out of the folder of the other package."
     return BuildFault(f"{message}: it lies inside another package.", remedy, manifest)
 
 
 def _place_of(package: PackageFact, output: str) -> _Place:
     """Return the message that tells most of a failed build, with its place."""
-    for look in (_of_traceback, _of_compiler, _of_setuptools, _of_cmake, _of_colcon):
+    for look in (_of_traceback, _of_compiler, _of_linker, _of_setuptools, _of_cmake, _of_colcon):
         found = look(package, output)
         if found is not None:
             return found
     problems = [problem for problem in package.problems if "does not follow" not in problem]
     if problems:
-        return _Place(problems[0], _within(package, _build_file(package)))
+        return _Place(problems[0], within(package, _build_file(package)))
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     words = lines[-1] if lines else "it failed without a message."
-    return _Place(words[:_LONGEST], _within(package, _build_file(package)))
+    return _Place(words[:_LONGEST], within(package, _build_file(package)))
 
 
 def _build_file(package: PackageFact) -> str:
     return "setup.py" if package.build_type == "ament_python" else "CMakeLists.txt"
 
 
-def _within(package: PackageFact, name: str) -> str:
+def within(package: PackageFact, name: str) -> str:
+    """Return the path of a package's file in the submission."""
     return f"{package.path}/{name}".lstrip("/")
 
 
@@ -125,12 +132,12 @@ def _last_frame(package: PackageFact, frames: str) -> tuple[str, int] | None:
     _, _, inside = frames.partition("in run_setup")
     for file, line in _FRAME.findall(inside):
         if file == "<string>":
-            found = _within(package, "setup.py"), int(line)
+            found = within(package, "setup.py"), int(line)
     for file, line in _FRAME.findall(frames):
         if file.startswith(_SOURCES):
             found = file.removeprefix(_SOURCES), int(line)
         elif file == "setup.py":
-            found = _within(package, "setup.py"), int(line)
+            found = within(package, "setup.py"), int(line)
     return found
 
 
@@ -150,52 +157,117 @@ def _of_compiler(package: PackageFact, output: str) -> _Place | None:
 def _of_setuptools(package: PackageFact, output: str) -> _Place | None:
     match = re.search(r"^error: (.{1,300})", output, re.MULTILINE)
     if match is not None:
-        return _Place(match[1], _within(package, "setup.py"))
+        return _Place(match[1], within(package, "setup.py"))
     if re.search(r"can't open file '[^'\n]{1,300}/setup\.py'", output):
-        return _Place("there is no setup.py beside package.xml.", _within(package, "package.xml"))
+        return _Place("there is no setup.py beside package.xml.", within(package, "package.xml"))
     return None
 
 
+#: A function without a body, and the object file of its call before that.
+_LINKER = re.compile(
+    r"CMakeFiles/[^/\s]{1,200}\.dir/(\S{1,300}?)\.o\b(?s:.){0,500}?(undefined reference to `([^'\n]{1,300})')"
+)
+
+
+def _of_linker(package: PackageFact, output: str) -> _Place | None:
+    match = _LINKER.search(output)
+    if match is None:
+        return None
+    file, words, symbol = match.groups()
+    function = symbol.partition("(")[0].rpartition("::")[2]
+    return _Place(words, within(package, file), line_has=f"{function}(")
+
+
 _CMAKE = re.compile(
-    r"^CMake Error at ([^\s:]{1,300}):(\d+) \([^)\n]{0,100}\):\s*\n((?:[ \t]*\n|[ \t]+\S.*\n){1,12})",
+    r"^CMake Error at ([^\s:]{1,300}):(\d+)(?: \([^)\n]{0,100}\))?:\s*\n((?:[ \t]*\n|[ \t]+\S.*\n){1,12})",
     re.MULTILINE,
 )
+#: Beginnings of sentences of CMake that add nothing.
+_ADVICE = re.compile(
+    r"Tried extensions|Could not find a package|Add the installation|Possible reasons"
+)
+#: A script outside of the submission.
+_ELSEWHERE = re.compile(f"/(?!{_SOURCES[1:]})")
+_CALLED_AT = re.compile(r"^ +CMakeLists\.txt:(\d+) \(", re.MULTILINE)
+#: Script that installs; its line is none of the student's.
+_INSTALLING = "cmake_install.cmake"
+_SCRIPT = "CMakeLists.txt"
 
 
 def _of_cmake(package: PackageFact, output: str) -> _Place | None:
     match = _CMAKE.search(output)
     if match is not None:
-        file, line, words = match.groups()
-        name = file.removeprefix(_SOURCES)
-        if name == "CMakeLists.txt":
-            name = _within(package, name)
-        text = " ".join(words.split())
-        return _Place(text[:_LONGEST], name, int(line))
+        file, number, words = match.groups()
+        text = " ".join(_ADVICE.split(words)[0].replace(_SOURCES, "").split())[:_LONGEST]
+        name = within(package, _SCRIPT)
+        if file == _INSTALLING:
+            return _Place(text, name, line_has=PurePosixPath(_quoted(text)).name)
+        if "PROJECT_NAME" in text:
+            return _Place(text, name, line_has="project(")
+        if _ELSEWHERE.match(file):
+            return _Place(text, name, _called_at(output[match.end() :]))
+        if file != _SCRIPT:
+            name = file.removeprefix(_SOURCES)
+        return _Place(text, name, int(number))
     if "does not appear to contain CMakeLists.txt" in output:
         words = "there is no CMakeLists.txt, and package.xml names no other build type."
-        return _Place(words, _within(package, "package.xml"))
+        return _Place(words, within(package, "package.xml"))
     return None
 
 
-def _of_colcon(package: PackageFact, output: str) -> _Place | None:
-    if "Duplicate package names" not in output:
+def _called_at(output: str) -> int | None:
+    """Return the line of the package's script in the first stack of calls."""
+    stack, _, _ = output.partition("CMake Error")
+    match = _CALLED_AT.search(stack)
+    if match is None:
         return None
-    words = f"there are several packages with the name {package.name}."
-    return _Place(words, _within(package, "package.xml"))
+    return int(match[1])
+
+
+def _quoted(words: str) -> str:
+    match = re.search(r'"([^"]{1,300})"', words)
+    if match is None:
+        return ""
+    return match[1]
+
+
+#: A line of packages that colcon cannot order: `lab: ['other']`.
+_WAITING = re.compile(r"^([\w-]{1,100}): \['([\w-]{1,100})'", re.MULTILINE)
+
+
+def _of_colcon(package: PackageFact, output: str) -> _Place | None:
+    manifest = within(package, "package.xml")
+    if "Duplicate package names" in output:
+        words = f"there are several packages with the name {package.name}."
+        return _Place(words, manifest, line_has="<name>")
+    if "Unable to order packages topologically" not in output:
+        return None
+    needed = dict(_WAITING.findall(output))
+    others = ", ".join(sorted(needed))
+    words = f"the packages {others} need each other, so that none can be the first."
+    return _Place(words, manifest, line_has=f">{needed.get(package.name, '')}<")
+
+
+def line_with(text: str, *wanted: str) -> int | None:
+    """Return the first line with the first of several texts that the lines have; None if they have none."""
+    lines = text.splitlines()
+    for each in wanted:
+        for number, line in enumerate(lines, start=1):
+            if each in line:
+                return number
+    return None
 
 
 def _line_of(found: _Place, texts: Mapping[str, str]) -> int | None:
     """Return the line of a file that has the name in quotes of a message, or the last part of this name."""
+    text = texts.get(found.file, "")
+    if found.line_has:
+        return line_with(text, found.line_has)
     quoted = re.search(r"(?:^| )'([^'\n]{1,200})'", found.words)
     if quoted is None:
         return None
     name = quoted[1]
-    lines = texts.get(found.file, "").splitlines()
-    for wanted in (name, f"{PurePosixPath(name).parent}/", "packages="):
-        for number, line in enumerate(lines, start=1):
-            if wanted in line:
-                return number
-    return None
+    return line_with(text, name, f"{PurePosixPath(name).parent}/", "packages=")
 
 
 #: Words of a message -> remedy; `{0}` is the first group, `{package}` the package.
@@ -218,7 +290,7 @@ _REMEDIES = (
         "Add setup.py; `ros2 pkg create --build-type ament_python` shows one.",
     ),
     (
-        r"^SyntaxError",
+        r"^(?:Syntax|Indentation|Tab)Error",
         "Correct the syntax of the file; `python3 setup.py --version` shows the error.",
     ),
     (r"No module named '(.+?)'", "A setup.py imports setuptools alone; remove the import of {0}."),
@@ -226,165 +298,54 @@ _REMEDIES = (
         r"entry point",
         "Write entry points as 'name = package.module:function', with dots instead of slashes.",
     ),
+    (
+        r"passed package name '(.+?)' was not found",
+        "Add find_package({0} REQUIRED) before it, and <depend>{0}</depend> to package.xml.",
+    ),
+    (
+        r'links to.*?"?([\w-]+)::.*target was not found',
+        "Add find_package({0} REQUIRED) before it, and <depend>{0}</depend> to package.xml.",
+    ),
+    (
+        r'given target "(.+?)" which does not exist',
+        "Write the name of a target as in add_executable or add_library instead of {0}.",
+    ),
+    (r"Cannot find source file: (\S+)", "Add the file {0}, or correct its name."),
+    (r"does not match current PROJECT_NAME", "Write project({package}), as in package.xml."),
+    (
+        r'INSTALL cannot find "(.+?)"',
+        "Add {0}, or remove it from install() in CMakeLists.txt.",
+    ),
+    (r"^Parse error", "Write the closing bracket of this command."),
+    (
+        r"^(\w+)/\S+: No such file",
+        "Add find_package({0} REQUIRED) and ament_target_dependencies with {0} to CMakeLists.txt; for a header of your "
+        "own, target_include_directories.",
+    ),
+    (
+        r"undefined reference to `(.+?)'",
+        "Define {0}, or name the library that defines it in target_link_libraries.",
+    ),
+    (r"^expected|undeclared|was not declared", "Correct this line, the first with an error."),
+    (r"need each other", "Remove one of their dependencies in package.xml."),
     (r"several packages", "Remove all of them but one; `colcon build` builds nothing before."),
 )
 
 
-def _remedy(package: PackageFact, words: str) -> str:
+def _remedy(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
+    misspelt = re.search(r'provided by "(.+?)"', words)
+    if misspelt is not None:
+        meant = package_meant_by(misspelt[1])
+        if meant:
+            return f"Write {meant} instead of {misspelt[1]}."
+    is_python = within(package, "setup.py") in texts
+    if "no CMakeLists.txt" in words and not is_python:
+        return "Add CMakeLists.txt; `ros2 pkg create --build-type ament_cmake` shows one."
     for pattern, remedy in _REMEDIES:
         match = re.search(pattern, words)
         if match is not None:
             return remedy.format(*match.groups(), package=package.name)
     return f"Run `colcon build --packages-select {package.name}` until it ends without an error."
-
-
-# -- a package that is built ---------------------------------------------------------------------------
-
-
-def executables_in(build: BuildFact) -> set[str]:
-    """Return the names of the executables that `ros2 run` finds."""
-    folder = f"lib/{build.package}/"
-    found = set()
-    for path in build.installed:
-        name = path.removeprefix(folder)
-        if path.startswith(folder) and "/" not in name:
-            found.add(name)
-    return found
-
-
-def misplaced_executables(build: BuildFact) -> dict[str, str]:
-    """Return the declared executables in a folder that `ros2 run` does not search: name -> folder."""
-    found = {}
-    for path in build.installed:
-        folder, _, name = path.rpartition("/")
-        is_program = folder == "bin" or re.fullmatch(r"lib/[A-Za-z][\w-]*", folder)
-        is_python = folder.startswith("lib/python")
-        if is_program and not is_python and folder != f"lib/{build.package}":
-            found[name] = folder
-    return found
-
-
-def placement_fault(
-    package: PackageFact, build: BuildFact, texts: Mapping[str, str]
-) -> BuildFault | None:
-    """Return the fault of a package with executables that `ros2 run` and `ros2 launch` do not find.
-
-    Its place is setup.cfg, or the setup.py that declares the executables if there is no setup.cfg.
-    """
-    misplaced = misplaced_executables(build)
-    found = executables_in(build)
-    lost = [name for name in misplaced if name not in found]
-    if not lost:
-        return None
-    folder = misplaced[lost[0]]
-    names = ", ".join(sorted(lost))
-    wanted = f"lib/{package.name}"
-    remedy = (
-        f"Write four lines in setup.cfg: `[develop]`, `script_dir=$base/{wanted}`, `[install]`, "
-        f"`install_scripts=$base/{wanted}`."
-    )
-    place = _within(package, "setup.cfg")
-    cause = "setup.cfg names another folder"
-    if place not in texts:
-        place = _within(package, "setup.py")
-        cause = "there is no setup.cfg"
-    return BuildFault(
-        f"The package {package.name} installs {names} in {folder}, while `ros2 run` and `ros2 launch` search {wanted}: "
-        f"{cause}.",
-        remedy,
-        place,
-    )
-
-
-def not_startable(
-    package: PackageFact, build: BuildFact | None, texts: Mapping[str, str]
-) -> dict[str, str]:
-    """Return installed executables that Linux cannot start, with their sources: scripts without a `#!` line."""
-    found = {}
-    scripts = _copied_scripts(package, texts)
-    if build is not None and build.outcome == "built":
-        for path in build.without_interpreter:
-            name = PurePosixPath(path).name
-            found[name] = scripts.get(name, "")
-        return found
-    for name, file in scripts.items():
-        if not texts[file].startswith("#!"):
-            found[name] = file
-    return found
-
-
-def _copied_scripts(package: PackageFact, texts: Mapping[str, str]) -> dict[str, str]:
-    """Return the executables that a build file copies as they are, with their sources."""
-    if any("does not follow" in problem for problem in package.problems):
-        return {}
-    found = {}
-    for name, file in package.executables.items():
-        if ":" not in file and file in texts:
-            found[name] = file
-    return found
-
-
-def start_fault(
-    package: PackageFact, build: BuildFact | None, texts: Mapping[str, str], named: Iterable[str]
-) -> BuildFault | None:
-    """Return the fault of named executables that `ros2 run` finds and Linux cannot start."""
-    broken = not_startable(package, build, texts)
-    concerned = sorted(broken.keys() & set(named))
-    if not concerned:
-        return None
-    names = ", ".join(concerned)
-    return BuildFault(
-        f"Linux cannot start {names} of the package {package.name} (Exec format error): there is no `#!` line.",
-        "Begin the file with `#!/usr/bin/env python3`.",
-        broken[concerned[0]],
-        1,
-    )
-
-
-def has_own_marker(build: BuildFact) -> bool:
-    """Return whether the build files install the marker of the package; colcon-ros adds a missing one for now."""
-    is_added = "doesn't explicitly install a marker" in build.output
-    return f"{_MARKER}/{build.package}" in build.installed and not is_added
-
-
-# -- the dependencies ----------------------------------------------------------------------------------
-
-_IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([A-Za-z_]\w*)", re.MULTILINE)
-_DEPENDENCY = re.compile(
-    r"<(?:depend|exec_depend|build_depend|run_depend|build_export_depend|test_depend)\b[^>]{0,200}>\s*([\w.-]{1,100})\s*<"
-)
-
-
-def undeclared_dependencies(
-    submission: SubmissionRecord, package: PackageFact, known: Iterable[str]
-) -> dict[str, str]:
-    """Return the packages of ROS that a package imports and does not declare, with a file of each.
-
-    Parameters
-    ----------
-    known
-        Names of packages of ROS.
-    """
-    manifest = submission.texts.get(_within(package, "package.xml"), "")
-    declared = {*_DEPENDENCY.findall(manifest), package.name}
-    ours = {each.name for each in submission.packages}
-    names = {*known, *ours} - declared
-    found: dict[str, str] = {}
-    for path, text in _modules(submission, package):
-        for name in _IMPORT.findall(text):
-            if name in names:
-                found.setdefault(name, path)
-    return found
-
-
-def _modules(submission: SubmissionRecord, package: PackageFact) -> Iterator[tuple[str, str]]:
-    """Yield the Python files of a package, without its tests and launch files."""
-    above = _within(package, "")
-    for path, text in submission.texts.items():
-        inside = path.removeprefix(above)
-        is_module = path.startswith(above) and path.endswith(".py")
-        if is_module and not inside.startswith(("test/", "launch/")):
-            yield path, text
 
 
 # -- folders of a build ----------------------------------------------------------------------------------

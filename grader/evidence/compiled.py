@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import PurePosixPath
 
+from grader.evidence.known_packages import package_meant_by
 from grader.recording.submission import ArtifactFact, BuildFact, PackageFact, SubmissionRecord
 from grader.submission.packages.compiled import compiled_programs, is_compiled_source
 
@@ -17,13 +18,19 @@ _LAUNCH = re.compile(r"launch\.(py|xml|ya?ml)$")
 
 
 def missing_here(build: BuildFact) -> str:
-    """Return the package that CMake did not find in a failed build; empty if it failed by another fault."""
+    """Return the package that CMake did not find in a failed build; empty if it failed by another fault.
+
+    A misspelt name of a package is a fault of the build files.
+    """
     if build.outcome != "failed":
         return ""
     match = _MISSING.search(build.output)
     if match is None:
         return ""
-    return match[1] or match[2]
+    name = match[1] or match[2]
+    if package_meant_by(name):
+        return ""
+    return name
 
 
 def why_not_built(build: BuildFact | None) -> str:

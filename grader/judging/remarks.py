@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from grader.evidence.build_faults import build_fault, placement_fault
+from grader.evidence.build_faults import build_fault
 from grader.evidence.compiled import why_not_built
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.gaps import limits_hit
+from grader.evidence.installed_faults import use_fault
 from grader.evidence.recorded import Recorded
 from grader.evidence.session_variables import Asked, asked_in, planned
 from grader.lab.steps.start import StartResult, StartStep
@@ -63,7 +64,7 @@ def _of_builds(submission: SubmissionRecord) -> Iterator[tuple[str, str]]:
             continue
         fault = build_fault(package, build, submission.texts)
         if fault is None:
-            fault = placement_fault(package, build, submission.texts)
+            fault = use_fault(package, build, submission.texts)
         if fault is not None:
             yield f"{fault.message} {fault.remedy}", fault.message
 

@@ -25,6 +25,8 @@ TOOL_FOLDERS = frozenset(
 _LITTER = frozenset(
     {".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"}
 )
+#: Suffixes of sources and headers in C and C++.
+C_SUFFIXES = frozenset({".c", ".cc", ".cpp", ".cxx", ".h", ".hh", ".hpp", ".hxx"})
 #: Suffixes of text files that the judging half reads.
 TEXT_SUFFIXES = frozenset(
     {
@@ -43,6 +45,7 @@ TEXT_SUFFIXES = frozenset(
         "",
     }
     | {".msg", ".srv", ".action"}
+    | C_SUFFIXES
 )
 _COMPILED = re.compile(r"\.(py[cod]|so(\.\d+)*|dll|dylib|o|a|lib|exe|class|wasm)$", re.IGNORECASE)
 #: `alice.tar.gz` is called `alice`.

@@ -16,7 +16,9 @@ from tests.synthetic import judged, submission
 
 INSTALLED = [
     "lib/lab/talker",
+    "lib/python3.11/site-packages/lab/talker.py",
     "share/ament_index/resource_index/packages/lab",
+    "share/lab/hook/ament_prefix_path.dsv",
     "share/lab/launch/lab.launch.py",
     "share/lab/package.xml",
 ]
@@ -53,7 +55,7 @@ def test_a_correct_package_earns_all() -> None:
         ({"outcome": "ignored"}, "0.2", "does not find"),
         ({"installed": ["bin/talker", *INSTALLED[1:]]}, "0.8", "in bin"),
         ({"installed": INSTALLED[1:]}, "0.8", "installs no executable talker"),
-        ({"installed": [*INSTALLED[:2], INSTALLED[3]]}, "0.9", "does not install launch/*.py"),
+        ({"installed": [*INSTALLED[:4], INSTALLED[5]]}, "0.9", "does not install launch/*.py"),
         ({"output": "doesn't explicitly install a marker"}, "0.9", "marker"),
         ({"without_interpreter": ["lib/lab/talker"]}, "0.8", "Exec format error"),
     ],
@@ -68,7 +70,7 @@ def test_each_part_costs_its_weight(build: dict[str, Any], credit: str, words: s
 
 def test_a_package_that_was_put_aside_does_not_count() -> None:
     """A package beside COLCON_IGNORE is judged only by its name."""
-    record = handed_in()
+    record = handed_in({"old/COLCON_IGNORE": ""})
     record.packages.append(PackageFact("old", "old", "ament_python"))
     assert record.builds is not None
     record.builds.append(BuildFact("old", "old", "ignored"))
@@ -78,7 +80,7 @@ def test_a_package_that_was_put_aside_does_not_count() -> None:
 
 def test_undeclared_dependencies_and_made_folders_cost_a_part() -> None:
     """package.xml declares the imports, and nothing is handed in that colcon makes."""
-    record = handed_in({"lab/talker.py": "import rclpy\nimport std_msgs.msg\n"})
+    record = handed_in({"lab/talker.py": "import rclpy\nfrom std_msgs.msg import String as main\n"})
     record.left_out = ["build/: made by a tool"]
     finding = found(record)
     assert finding.credit == Decimal("0.8")

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from grader.evidence.build_faults import (
-    build_fault,
-    built_folders,
-    has_own_marker,
-    placement_fault,
-    start_fault,
-    undeclared_dependencies,
-)
+from grader.evidence.build_faults import build_fault, built_folders
+from grader.evidence.installed_faults import has_own_marker, start_fault, use_fault
+from grader.evidence.manifest_faults import undeclared_dependencies
 from grader.recording.submission import BuildFact, PackageFact
 from grader.submission.packages.colcon import find_packages
 from tests.ros_packages import PACKAGE, SETUP, broken
@@ -144,13 +139,13 @@ def test_an_ignored_package_is_not_found() -> None:
 def test_executables_elsewhere_are_not_found(installed: list[str], words: str) -> None:
     """`ros2 run` searches lib/PACKAGE alone; setup.cfg names the folder."""
     build = BuildFact("lab", "ws/lab", "built", installed=installed)
-    fault = placement_fault(LAB, build, {"ws/lab/setup.cfg": "[develop]"})
+    fault = use_fault(LAB, build, {"ws/lab/setup.cfg": "[develop]"})
     assert bool(fault) == bool(words)
     if fault is not None:
         assert words in fault.message
         assert fault.file == "ws/lab/setup.cfg"
         assert "install_scripts=$base/lib/lab" in fault.remedy
-        without = placement_fault(LAB, build, {})
+        without = use_fault(LAB, build, {})
         assert without is not None
         assert (without.file, "there is no setup.cfg" in without.message) == (
             "ws/lab/setup.py",

@@ -311,9 +311,17 @@ def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
     """Note the installed files of a package, and the executables that the system cannot start."""
     for file in files:
         fact.installed.append(file.path)
-        in_folder = file.path.startswith(f"lib/{fact.package}/")
-        if in_folder and not file.head.startswith(_STARTED):
+        if not file.path.startswith(f"lib/{fact.package}/"):
+            continue
+        if not _can_start(file.head):
             fact.without_interpreter.append(file.path)
+
+
+def _can_start(head: bytes) -> bool:
+    """Return whether the system can start a file; a `#!` line of Windows names no program."""
+    if not head.startswith(_STARTED):
+        return False
+    return not re.match(rb"#![^\n]*\r\n", head)
 
 
 def _shortened(output: str) -> str:

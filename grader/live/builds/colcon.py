@@ -51,6 +51,8 @@ _LOOK_AT_SPACE_S = 0.5
 #: Disk space and files of a workspace during its build.
 _MOST_BYTES = 512 * 1024**2
 _MOST_FILES = 20_000
+#: Bytes of an installed file that are read: as many as Linux reads of a `#!` line.
+_LONGEST_HEAD = 256
 #: Extensions of colcon that a build does not need; they take time.
 _NOT_NEEDED = (
     "colcon_core.argcomplete_completer",
@@ -237,7 +239,7 @@ def installed_in(prefix: Path, most: int) -> list[Installed]:
             file = open_regular_beneath(prefix, path)
             with os.fdopen(file, "rb") as opened:
                 mode = os.fstat(opened.fileno()).st_mode
-                head = opened.read(4)
+                head = opened.read(_LONGEST_HEAD)
             found.append(Installed(path, bool(mode & stat.S_IXUSR), head))
         if len(found) >= most:
             break

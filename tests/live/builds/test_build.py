@@ -12,9 +12,8 @@ from confine.isolation import Isolation
 from grader.live.builds import build, colcon
 from grader.live.builds.build import build_packages, can_build
 from grader.live.sandbox.probing import probe_isolation
-from grader.recording.submission import BuildFact, SubmissionRecord
-from grader.submission.artifacts import collect_files
-from grader.submission.packages.colcon import find_packages
+from grader.recording.submission import BuildFact
+from tests.live.builds.reading import read
 from tests.ros_packages import PACKAGE, SETUP, broken, write
 
 pytestmark = pytest.mark.live
@@ -38,14 +37,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
     return folder / "grade/builds"
-
-
-def read(folder: Path) -> SubmissionRecord:
-    """Return the record of a folder with packages."""
-    record = SubmissionRecord("x")
-    collect_files(folder, record)
-    record.packages = find_packages(record.texts, [file.path for file in record.files])
-    return record
 
 
 def built(folder: Path, isolation: Isolation, time_s: float = ENOUGH_S) -> list[BuildFact]:
