@@ -21,7 +21,17 @@ _ACCEPTED: Any = {float: (int, float), tuple: list}
 
 def write_record(file: Path, record: Any) -> None:
     """Write a record in one step: a reader never sees a half-written file."""
-    replace_file(file, json.dumps(dataclasses.asdict(record), ensure_ascii=True))
+    replace_file(file, json.dumps(record, ensure_ascii=True, default=_fields_of))
+
+
+def _fields_of(record: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass, without a copy of their values as `dataclasses.asdict` makes one."""
+    return {name: getattr(record, name) for name in _names(type(record))}
+
+
+@functools.lru_cache(maxsize=64)
+def _names(kind: type[Any]) -> list[str]:
+    return [field.name for field in dataclasses.fields(kind)]
 
 
 def read_record(file: Path, kind: type[T], schema: str) -> T:
