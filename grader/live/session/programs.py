@@ -39,8 +39,6 @@ _TRUSTED_BYTES = 3 * 1024**3
 _REFERENCE_START_S = 15.0
 #: Time in s that a reference node may take to end.
 _REFERENCE_END_S = 2.0
-#: Time in s between two looks for a line of output.
-_LOOK_S = 0.01
 #: Time in s that messages may be under way after the last of the student's processes has ended.
 _AFTER_EXIT_S = 0.3
 #: Processes below this share of a core get a higher priority during a measurement. A working node uses half as much.
@@ -270,14 +268,15 @@ class Programs:
         end_s = time.monotonic() + timeout_s
         looked_at = 0
         while True:
-            is_last = not process.alive or time.monotonic() > end_s
+            left_s = end_s - time.monotonic()
+            is_last = not process.alive or left_s < 0
             lines = process.run.output[looked_at:]
             if any(fits(line.text) for line in lines):
                 return True
             if is_last:
                 return False
             looked_at += len(lines)
-            await asyncio.sleep(_LOOK_S)
+            await process.wait_said(left_s)
 
     # -- the link -----------------------------------------------------------------------------
 
