@@ -17,6 +17,7 @@ from confine.priority import MEASURED, STANDING
 from grader.lab.steps.base import Answer, Step, StepResult
 from grader.lab.steps.link import LinkResult, LinkStep
 from grader.lab.steps.observe import ObserveStep
+from grader.lab.steps.publish import PublishStep
 from grader.lab.steps.wait_exit import WaitExitStep
 from grader.lab.steps.wait_for import WaitForResult, WaitForStep
 from grader.live.process.cpu_watch import CpuWatch
@@ -109,6 +110,7 @@ class Programs:
     async def _start_director(self) -> None:
         plan = self.plan
         reference_nodes = self._reference_nodes()
+        publishes = any(isinstance(step, PublishStep) for _, step in plan.steps)
 
         def direct() -> None:
             # ROS is loaded in the director's process alone.
@@ -119,6 +121,7 @@ class Programs:
                 plan.domain_id,
                 reference_nodes,
                 set(plan.expected),
+                publishes=publishes,
             )
             director.serve()
 
