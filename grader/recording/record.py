@@ -21,17 +21,9 @@ _ACCEPTED: Any = {float: (int, float), tuple: list}
 
 def write_record(file: Path, record: Any) -> None:
     """Write a record in one step: a reader never sees a half-written file."""
-    replace_file(file, json.dumps(record, ensure_ascii=True, default=_fields_of))
-
-
-def _fields_of(record: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass, without a copy of their values as `dataclasses.asdict` makes one."""
-    return {name: getattr(record, name) for name in _names(type(record))}
-
-
-@functools.lru_cache(maxsize=64)
-def _names(kind: type[Any]) -> list[str]:
-    return [field.name for field in dataclasses.fields(kind)]
+    # Its fields one after another, without a copy of all values as `dataclasses.asdict` makes one.
+    text = json.dumps(record, ensure_ascii=True, default=vars)
+    replace_file(file, text)
 
 
 def read_record(file: Path, kind: type[T], schema: str) -> T:

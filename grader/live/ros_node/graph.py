@@ -158,18 +158,21 @@ class Endpoints:
 
     def keep(self, topics: Collection[str]) -> None:
         """Forget all other topics."""
-        self._known = {name: known for name, known in self._known.items() if name in topics}
+        for name in self._known.keys() - topics:
+            del self._known[name]
 
     def of(self, topic: str) -> list[Endpoint]:
         """Return the endpoints of a topic, publishers first."""
-        reports = [
-            *self._reports(rclpy_implementation.rclpy_get_publishers_info_by_topic, topic),
-            *self._reports(rclpy_implementation.rclpy_get_subscriptions_info_by_topic, topic),
-        ]
+        reports = self._reports(rclpy_implementation.rclpy_get_publishers_info_by_topic, topic)
+        reports += self._reports(rclpy_implementation.rclpy_get_subscriptions_info_by_topic, topic)
         before, endpoints = self._known.get(topic, (None, []))
-        if reports != before:
-            endpoints = [_endpoint(topic, TopicEndpointInfo(**report)) for report in reports]
-            self._known[topic] = reports, endpoints
+        if reports == before:
+            return endpoints
+        endpoints = []
+        for report in reports:
+            info = TopicEndpointInfo(**report)
+            endpoints.append(_endpoint(topic, info))
+        self._known[topic] = reports, endpoints
         return endpoints
 
     def _reports(
@@ -181,6 +184,7 @@ class Endpoints:
 
 
 def _endpoint(topic: str, info: TopicEndpointInfo) -> Endpoint:
+    """Return the endpoint of a topic that rclpy describes."""
     return Endpoint(
         kind=info.endpoint_type.name.lower(),
         topic=topic,

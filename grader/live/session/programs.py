@@ -110,7 +110,7 @@ class Programs:
     async def _start_director(self) -> None:
         plan = self.plan
         reference_nodes = self._reference_nodes()
-        publishes = any(isinstance(step, PublishStep) for _, step in plan.steps)
+        publishes = self._publishes()
 
         def direct() -> None:
             # ROS is loaded in the director's process alone.
@@ -130,6 +130,13 @@ class Programs:
         self.director = director
         await director.wait_ready()
         self._filter.protect(director.running.root_pid() or 0)
+
+    def _publishes(self) -> bool:
+        """Return whether a step of the session publishes."""
+        for _, step in self.plan.steps:
+            if isinstance(step, PublishStep):
+                return True
+        return False
 
     def _reference_nodes(self) -> set[str]:
         return {spec["node"] for spec in self.plan.reference.values()}
