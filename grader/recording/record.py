@@ -21,7 +21,9 @@ _ACCEPTED: Any = {float: (int, float), tuple: list}
 
 def write_record(file: Path, record: Any) -> None:
     """Write a record in one step: a reader never sees a half-written file."""
-    replace_file(file, json.dumps(dataclasses.asdict(record), ensure_ascii=True))
+    # Its fields one after another, without a copy of all values as `dataclasses.asdict` makes one.
+    text = json.dumps(record, ensure_ascii=True, default=vars)
+    replace_file(file, text)
 
 
 def read_record(file: Path, kind: type[T], schema: str) -> T:

@@ -6,7 +6,7 @@ import copy
 import json
 import typing
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grader.recording.record import read_record
-from grader.recording.session import SESSION_SCHEMA, SessionRecord, read_session
+from grader.recording.session import SESSION_SCHEMA, SessionRecord, read_session, write_session
 from grader.recording.submission import SUBMISSION_SCHEMA, SubmissionRecord
 from tests.thorough import examples
 
@@ -114,3 +114,13 @@ def test_what_is_no_record_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "session.json").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r".+"):
         read_session(tmp_path)
+
+
+def test_a_record_is_written_with_all_its_fields(tmp_path: Path) -> None:
+    """The file is what `dataclasses.asdict` gives, and is read back as the same record."""
+    record = read_session(RECORDINGS / "publisher")
+    write_session(tmp_path, record)
+    assert json.loads((tmp_path / "session.json").read_text()) == json.loads(
+        json.dumps(asdict(record))
+    )
+    assert asdict(read_session(tmp_path)) == asdict(record)

@@ -88,6 +88,7 @@ class RunningProcess:
         self.threads: list[int] = []
         self._kept = self._written = 0
         self._room = room
+        self._said = asyncio.Event()
         assert process.stdout is not None
         assert process.stderr is not None
         if on_message is None:
@@ -180,6 +181,7 @@ class RunningProcess:
         self._kept += len(cut) + 1
         self.run.output_dropped_bytes += len(line) - len(cut)
         self.run.output.append(OutputLine(t_ns, stream, cut.decode("utf-8", "replace")))
+        self._said.set()
 
     async def _wait(self) -> int:
         status = await self._process.wait()
@@ -276,6 +278,17 @@ class RunningProcess:
         """Wait until it has ended; False if it has not in time."""
         done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
         return bool(done)
+
+    async def wait_said(self, timeout_s: float) -> None:
+        """Wait until it has said a line since the last call, has ended, or the time is over."""
+        said = asyncio.ensure_future(self._said.wait())
+        try:
+            await asyncio.wait(
+                {said, self.exited}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
+            )
+        finally:
+            said.cancel()
+        self._said.clear()
 
     def put_standing(self, nice: int = STANDING) -> None:
         """Let it go before processes that are still starting, because its timing counts from now on."""

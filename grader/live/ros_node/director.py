@@ -48,9 +48,16 @@ class Director:
     """Serves the requests of one session; for the parameters see `Probe`."""
 
     def __init__(
-        self, folder: Path, name: str, domain_id: int, reference_nodes: set[str], expected: set[str]
+        self,
+        folder: Path,
+        name: str,
+        domain_id: int,
+        reference_nodes: set[str],
+        expected: set[str],
+        *,
+        publishes: bool = True,
     ) -> None:
-        self._probe = Probe(folder, name, domain_id, reference_nodes, expected)
+        self._probe = Probe(folder, name, domain_id, reference_nodes, expected, publishes=publishes)
         self._problems: list[str] = []
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
 

@@ -17,9 +17,11 @@ from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Empty
 
 from grader.recording.session import (
@@ -142,24 +144,64 @@ def qos_of(profile: QoSProfile) -> Qos:
     )
 
 
-def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
-    return [
-        Endpoint(
-            kind=info.endpoint_type.name.lower(),
-            topic=topic,
-            type=info.topic_type,
-            type_hash=str(info.topic_type_hash) if info.topic_type_hash else "",
-            node=full_name(info.node_namespace, info.node_name),
-            gid=_gid(info),
-            qos=qos_of(info.qos_profile),
-        )
-        for ask in (node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic)
-        for info in _readable(partial(ask, topic), [])
-    ]
+class Endpoints:
+    """The endpoints of topics as one node sees them, built anew only for topics with a changed report.
+
+    A report is a list of dictionaries, as rclpy makes endpoint information of it. Building all endpoints takes five
+    times as long as comparing the reports.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        #: Topic -> its last reports, and their endpoints.
+        self._known: dict[str, tuple[object, list[Endpoint]]] = {}
+
+    def keep(self, topics: Collection[str]) -> None:
+        """Forget all other topics."""
+        for name in self._known.keys() - topics:
+            del self._known[name]
+
+    def of(self, topic: str) -> list[Endpoint]:
+        """Return the endpoints of a topic, publishers first."""
+        reports = self._reports(rclpy_implementation.rclpy_get_publishers_info_by_topic, topic)
+        reports += self._reports(rclpy_implementation.rclpy_get_subscriptions_info_by_topic, topic)
+        before, endpoints = self._known.get(topic, (None, []))
+        if reports == before:
+            return endpoints
+        endpoints = []
+        for report in reports:
+            info = TopicEndpointInfo(**report)
+            endpoints.append(_endpoint(topic, info))
+        self._known[topic] = reports, endpoints
+        return endpoints
+
+    def _reports(
+        self, ask: Callable[..., list[dict[str, Any]]], topic: str
+    ) -> list[dict[str, Any]]:
+        handle = self._node.handle
+        with handle:
+            return _readable(partial(ask, handle, topic, False), [])
+
+
+def _endpoint(topic: str, info: TopicEndpointInfo) -> Endpoint:
+    """Return the endpoint of a topic that rclpy describes."""
+    return Endpoint(
+        kind=info.endpoint_type.name.lower(),
+        topic=topic,
+        type=info.topic_type,
+        type_hash=str(info.topic_type_hash) if info.topic_type_hash else "",
+        node=full_name(info.node_namespace, info.node_name),
+        gid=_gid(info),
+        qos=qos_of(info.qos_profile),
+    )
 
 
 def snapshot(
-    node: Node, own_prefix: str, first: Collection[str], before: GraphSnapshot
+    node: Node,
+    own_prefix: str,
+    first: Collection[str],
+    before: GraphSnapshot,
+    endpoints: Endpoints,
 ) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process with the prefix `own_prefix`.
 
@@ -168,7 +210,8 @@ def snapshot(
     """
     taken = GraphSnapshot(time.time_ns())
     names = _node_names(node, before)
-    taken.endpoints = _student_endpoints(node, own_prefix, first, before)
+    topics = _topics_to_look_at(node, first, before)
+    taken.endpoints = _student_endpoints(endpoints, topics, own_prefix)
     # Nodes are told apart by their names alone. In the grader's namespace, those with endpoints of others are kept.
     others = {endpoint.node for endpoint in taken.endpoints}
     kept = [full for full in names if not is_reserved(full) or full in others]
@@ -191,18 +234,20 @@ def _node_names(node: Node, before: GraphSnapshot) -> list[str]:
     return sorted(full_name(namespace, name) for name, namespace in named)
 
 
-def _student_endpoints(
-    node: Node, own_prefix: str, first: Collection[str], before: GraphSnapshot
-) -> list[Endpoint]:
+def _topics_to_look_at(node: Node, first: Collection[str], before: GraphSnapshot) -> list[str]:
     known = {*first, *(endpoint.topic for endpoint in before.endpoints)}
     topics = sorted(name for name, _ in _topics(node, known) if not is_reserved(name))
     topics.sort(key=lambda name: name not in first)
+    return topics[:MAX_TOPICS]
+
+
+def _student_endpoints(known: Endpoints, topics: list[str], own_prefix: str) -> list[Endpoint]:
+    known.keep(topics)
     endpoints: list[Endpoint] = []
-    for topic in topics[:MAX_TOPICS]:
+    for topic in topics:
         if len(endpoints) >= MAX_ENDPOINTS:
             break
-        found = _endpoints_of(node, topic)
-        endpoints += [each for each in found if not each.gid.startswith(own_prefix)]
+        endpoints += [each for each in known.of(topic) if not each.gid.startswith(own_prefix)]
     return sorted(endpoints[:MAX_ENDPOINTS], key=lambda each: (each.topic, each.kind, each.gid))
 
 
@@ -267,6 +312,7 @@ class GraphWatch:
         self._next_s = self._closely_s = 0.0
         self._glance: object = None
         self._changes = self._entries = 0
+        self._endpoints = Endpoints(node)
         self.last = GraphSnapshot(0)
 
     def look(self, *, now: bool = False) -> GraphSnapshot:
@@ -281,7 +327,7 @@ class GraphWatch:
         if not now and settled and glance == self._glance and now_s < self._closely_s:
             return self.last
         self._glance, self._closely_s = glance, now_s + self.CLOSELY_S
-        taken = snapshot(self._node, self.own_prefix, self.first, self.last)
+        taken = snapshot(self._node, self.own_prefix, self.first, self.last, self._endpoints)
         if not self._changes or taken != replace(self.last, t_ns=taken.t_ns):
             self.last = taken
             self._changes += 1

@@ -58,10 +58,20 @@ class Probe:
         Full names of the grader's nodes. All other nodes are the student's.
     expected
         Names that the rubric uses. They are never taken for a misspelling of another name.
+    publishes
+        Whether it publishes on topics of the student, which the recorder may know with another type. One participant
+        cannot hold both types; the recorder then has a participant of its own.
     """
 
     def __init__(
-        self, folder: Path, name: str, domain_id: int, reference_nodes: set[str], expected: set[str]
+        self,
+        folder: Path,
+        name: str,
+        domain_id: int,
+        reference_nodes: set[str],
+        expected: set[str],
+        *,
+        publishes: bool = True,
     ) -> None:
         self.domain_id = domain_id
         self.reference_nodes = reference_nodes
@@ -71,7 +81,12 @@ class Probe:
         self._executor.add_node(self.node)
         free_bytes = shutil.disk_usage(folder).free
         self.limit_bytes = min(DEFAULT_LIMIT_BYTES, free_bytes // _SHARE_OF_FREE)
-        self.recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=self.limit_bytes)
+        self.recorder = Recorder(
+            BagWriter(folder, name),
+            domain_id,
+            limit_bytes=self.limit_bytes,
+            context=None if publishes else self.node.context,
+        )
         self.watch = GraphWatch(self.node, self._on_change, {*expected, *STANDARD_TOPICS})
         #: Name in the rubric -> name that the student uses.
         self.names: dict[str, str] = {}

@@ -1,6 +1,6 @@
 """Records the traffic of a sandbox: raw subscriptions, written to a bag as they come.
 
-The recorder has contexts of its own, because one participant cannot hold two types on one topic.
+The recorder has contexts of its own for further types, because one participant cannot hold two types on one topic.
 The middleware stamps each message when it receives it, so that a thread may empty all queues every
 few milliseconds, at a tenth of the cost of waking for each message.
 """
@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -114,7 +115,7 @@ class Recorder:
 
     A topic may take as much of `limit_bytes` as is left for the others; past that it is no longer recorded, so that a
     flood cannot cost the evidence of other topics. `problems` are faults on the recorder's side, `unrecorded`
-    the topics left out.
+    the topics left out. `context` is for the first type of each topic; without it, the recorder makes one.
     """
 
     def __init__(
@@ -124,6 +125,7 @@ class Recorder:
         *,
         limit_bytes: int = DEFAULT_LIMIT_BYTES,
         limit_topics: int = DEFAULT_LIMIT_TOPICS,
+        context: Context | None = None,
     ) -> None:
         self.problems: list[str] = []
         self.unrecorded: list[RecordingGap] = []
@@ -134,6 +136,9 @@ class Recorder:
         self._lines: dict[tuple[str, str], _Line] = {}
         self._refused: set[tuple[str, str]] = set()
         self._nodes: list[Node] = []
+        self._contexts: list[Context] = []
+        if context is not None:
+            self._nodes.append(silent_node(f"{NODE_NAME}_0", context))
         self._lock = threading.Lock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -217,7 +222,9 @@ class Recorder:
                 f"{_TYPES_PER_TOPIC} other types of this topic are recorded already"
             )
         if level == len(self._nodes):
-            self._nodes.append(silent_node(f"{NODE_NAME}_{level}", new_context(self._domain_id)))
+            context = new_context(self._domain_id)
+            self._contexts.append(context)
+            self._nodes.append(silent_node(f"{NODE_NAME}_{level}", context))
         return self._nodes[level]
 
     # -- taking: on the recorder's thread ------------------------------------------------------
@@ -228,7 +235,8 @@ class Recorder:
         self._thread.join()
         for node in self._nodes:
             node.destroy_node()
-            node.context.try_shutdown()
+        for context in self._contexts:
+            context.try_shutdown()
 
     def _run(self) -> None:
         try:

@@ -17,6 +17,7 @@ from confine.priority import MEASURED, STANDING
 from grader.lab.steps.base import Answer, Step, StepResult
 from grader.lab.steps.link import LinkResult, LinkStep
 from grader.lab.steps.observe import ObserveStep
+from grader.lab.steps.publish import PublishStep
 from grader.lab.steps.wait_exit import WaitExitStep
 from grader.lab.steps.wait_for import WaitForResult, WaitForStep
 from grader.live.process.cpu_watch import CpuWatch
@@ -39,8 +40,6 @@ _TRUSTED_BYTES = 3 * 1024**3
 _REFERENCE_START_S = 15.0
 #: Time in s that a reference node may take to end.
 _REFERENCE_END_S = 2.0
-#: Time in s between two looks for a line of output.
-_LOOK_S = 0.01
 #: Time in s that messages may be under way after the last of the student's processes has ended.
 _AFTER_EXIT_S = 0.3
 #: Processes below this share of a core get a higher priority during a measurement. A working node uses half as much.
@@ -111,6 +110,7 @@ class Programs:
     async def _start_director(self) -> None:
         plan = self.plan
         reference_nodes = self._reference_nodes()
+        publishes = self._publishes()
 
         def direct() -> None:
             # ROS is loaded in the director's process alone.
@@ -121,6 +121,7 @@ class Programs:
                 plan.domain_id,
                 reference_nodes,
                 set(plan.expected),
+                publishes=publishes,
             )
             director.serve()
 
@@ -129,6 +130,13 @@ class Programs:
         self.director = director
         await director.wait_ready()
         self._filter.protect(director.running.root_pid() or 0)
+
+    def _publishes(self) -> bool:
+        """Return whether a step of the session publishes."""
+        for _, step in self.plan.steps:
+            if isinstance(step, PublishStep):
+                return True
+        return False
 
     def _reference_nodes(self) -> set[str]:
         return {spec["node"] for spec in self.plan.reference.values()}
@@ -270,14 +278,15 @@ class Programs:
         end_s = time.monotonic() + timeout_s
         looked_at = 0
         while True:
-            is_last = not process.alive or time.monotonic() > end_s
+            left_s = end_s - time.monotonic()
+            is_last = not process.alive or left_s < 0
             lines = process.run.output[looked_at:]
             if any(fits(line.text) for line in lines):
                 return True
             if is_last:
                 return False
             looked_at += len(lines)
-            await asyncio.sleep(_LOOK_S)
+            await process.wait_said(left_s)
 
     # -- the link -----------------------------------------------------------------------------
 

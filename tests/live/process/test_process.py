@@ -48,6 +48,31 @@ def run(program: str, room: OutputRoom | None = None) -> ProcessRun:
     return record
 
 
+def test_a_line_ends_the_wait_for_it() -> None:
+    """Each line ends one wait, the end of the process does, and otherwise the time."""
+    record = ProcessRun("it", "student", [])
+    heard = []
+
+    async def listen() -> None:
+        running = await RunningProcess.start(
+            record,
+            [sys.executable, "-c", "print(1, flush=True); print(input(), flush=True)"],
+            environment={},
+            with_input=True,
+        )
+        await running.wait_said(60)
+        heard.append([line.text for line in record.output])
+        await running.wait_said(0.01)
+        running.write(b"2\n", last=True)
+        await running.wait_said(60)
+        heard.append([line.text for line in record.output])
+        await running.wait_exit(60)
+        await running.wait_said(60)
+
+    asyncio.run(listen())
+    assert heard == [["1"], ["1", "2"]]
+
+
 def test_lines_are_kept_up_to_a_number() -> None:
     """A million empty lines are counted, and some of them kept."""
     record = run("import os; [os.write(1, b'\\n' * 100_000) for _ in range(10)]")

@@ -408,6 +408,39 @@ def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> Non
     )
 
 
+PARTICIPANTS = """
+        self.create_subscription(String, '/orders', lambda message: None, 10)
+        self.seen = set()
+        self.create_timer(0.1, self.look)
+
+    def look(self):
+        for info in self.get_publishers_info_by_topic('/parameter_events'):
+            if info.node_namespace.startswith('/_grader'):
+                self.seen.add((info.node_name, bytes(info.endpoint_gid[:12]).hex()))
+
+    def ending(self):
+        names, participants = (len(set(each)) for each in zip(*self.seen))
+        print(json.dumps([names, participants]), flush=True)
+"""
+
+
+@pytest.mark.parametrize(("publishes", "participants"), [(False, 1), (True, 2)])
+def test_the_recorder_has_a_participant_of_its_own_where_the_grader_publishes(
+    tmp_path: Path, publishes: bool, participants: int
+) -> None:
+    """Otherwise every process of the student would have to know one participant more."""
+    orders = {"topic": "/orders", "type": TEXT}
+    steps: list[dict[str, Any]] = [
+        {"wait_for": {"subscription": "/orders", "type": TEXT, "timeout_s": 20}}
+    ]
+    if publishes:
+        steps.append({"publish": {**orders, "message": {"data": "go"}, "count": 5, "rate_hz": 50}})
+    steps.append({"observe": {"duration_s": 3}})
+    recorded = record_one(tmp_path, node(PARTICIPANTS), steps)
+    steps_of(recorded, "observe")
+    assert json.loads(texts(recorded)[0]) == [2, participants]
+
+
 OFFERED = """
         latched = QoSProfile(depth=3, durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=0.5))
         self.create_publisher(String, '/latched', latched)

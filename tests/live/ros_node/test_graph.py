@@ -14,8 +14,10 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Empty
 
-from grader.live.ros_node.graph import GraphWatch, interface_named
+from grader.live.ros_node.graph import Endpoints, GraphWatch, interface_named
 from grader.recording.session import GraphSnapshot
 from tests.reference.live_graph import use_private_graph
 
@@ -81,6 +83,31 @@ def topics_in(graph: GraphSnapshot) -> int:
     return len(
         {endpoint.topic for endpoint in graph.endpoints if endpoint.topic.startswith("/many/")}
     )
+
+
+def test_endpoints_are_built_anew_if_their_report_changed(node: Node) -> None:
+    """A publisher that takes the place of another one is seen, although there is still one."""
+    endpoints = Endpoints(node)
+
+    def offered() -> list[str]:
+        return [each.qos.reliability for each in endpoints.of("/it")]
+
+    def until(reliabilities: list[str]) -> None:
+        end_s = time.monotonic() + 20
+        while offered() != reliabilities:
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+
+    first = node.create_publisher(Empty, "/it", 1)
+    until(["reliable"])
+    assert endpoints.of("/it") is endpoints.of("/it")
+    node.destroy_publisher(first)
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    node.create_publisher(Empty, "/it", best_effort)
+    until(["best_effort"])
+    known = endpoints.of("/it")
+    endpoints.keep([])
+    assert endpoints.of("/it") is not known
 
 
 @pytest.mark.parametrize(
