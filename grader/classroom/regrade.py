@@ -37,6 +37,8 @@ from ros_bag.writing import METADATA_FILE
 
 #: A rubric and the overrides for judging.
 Measure = tuple[Rubric, Overrides]
+#: Rubrics by their texts, and by the names and texts of the files beside them.
+LoadedRubrics = dict[tuple[str, tuple[tuple[str, str], ...]], Rubric]
 
 
 def is_class(folder: Path) -> bool:
@@ -135,13 +137,14 @@ def regrade(
     again: bool = True,
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
+    loaded: LoadedRubrics | None = None,
 ) -> Regrade:
     """Judge the recordings of one submission or several again; their results lie in one folder.
 
     By default, each submission is judged by its last rubric and the `overrides.yaml` beside the folders, and as many
     at a time as there are cores. `pages` makes the reports too, for `Regrade.apply`. `trusted` allows executing
     unknown files of the lab that came with the recordings. Without `again`, findings stay, and only the overrides are
-    applied again.
+    applied again. Several calls share the rubrics in `loaded`, and the preparation of this process.
 
     Raises RubricError if the given rubric, or the overrides, cannot be used, and RecordingError if there is nothing
     to judge.
@@ -152,7 +155,10 @@ def regrade(
             remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
         )
     results = folders[0].resolve().parent
-    measures, failed = _measures(results, folders, rubric, overrides, trusted=trusted)
+    rubrics: LoadedRubrics = {} if loaded is None else loaded
+    measures, failed = _measures(results, folders, rubric, overrides, rubrics, trusted=trusted)
+    if measures and loaded is not None:
+        _prepare(measures)
     found = regrade_all(results, measures, pages=pages, again=again, jobs=jobs, on_judged=on_judged)
     return replace(found, failed=dict(sorted({**failed, **found.failed}.items())))
 
@@ -168,8 +174,7 @@ def regrade_all(
 ) -> Regrade:
     """Judge recordings, each by its measure; see `regrade`."""
     if len(measures) > 1:
-        folder, (rubric, _) = next(iter(measures.items()))
-        judgement.prepare(rubric, (folder / RECORDINGS).glob(f"*/{METADATA_FILE}"))
+        _prepare(measures)
     works = {
         folder: partial(_judge, folder, measure, pages, again)
         for folder, measure in measures.items()
@@ -187,17 +192,23 @@ def regrade_all(
     return Regrade(results, dict(sorted(judged.items())), failed)
 
 
+def _prepare(measures: Mapping[Path, Measure]) -> None:
+    """Prepare this process, by the first submission, for the forks that judge."""
+    folder, (rubric, _) = next(iter(measures.items()))
+    judgement.prepare(rubric, (folder / RECORDINGS).glob(f"*/{METADATA_FILE}"))
+
+
 def _measures(
     results: Path,
     folders: Sequence[Path],
     rubric: Path | None,
     overrides: Path | None,
+    rubrics: LoadedRubrics,
     *,
     trusted: bool,
 ) -> tuple[dict[Path, Measure], dict[str, GraderError]]:
     """Load each rubric once; returns the rubric and overrides of each folder, and errors by the folder's name."""
     given = chosen_rubric(folders, rubric) if rubric is not None else None
-    rubrics: dict[object, Rubric] = {}
     rubric_of: dict[Path, Rubric] = {}
     failed: dict[str, GraderError] = {}
     for folder in folders:

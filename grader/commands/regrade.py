@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import Progress
 
 from grader.commands.arguments import (
     BELOW,
@@ -27,7 +26,7 @@ from grader.commands.arguments import (
 from grader.files import replace_file
 
 if TYPE_CHECKING:
-    from grader.classroom.regrade import Regrade
+    from grader.classroom.regrade import LoadedRubrics, Regrade
     from grader.cohort.changes import Changes
 
 _DESCRIPTION = """\
@@ -92,19 +91,29 @@ def run(arguments: Sequence[str], console: Console) -> int:
     singles = [folder for folder in options.results if folder not in classes]
     statuses = [_regrade_class(folder, options, console) for folder in classes]
     if singles:
-        statuses.append(
-            each(singles, lambda folder: _regrade_one(folder, options, console), options.fail_under)
-        )
+        # A single submission is judged once, without a preparation that others would share.
+        loaded: LoadedRubrics | None = {} if len(singles) > 1 else None
+
+        def regrade_one(folder: Path) -> Decimal:
+            return _regrade_one(folder, options, console, loaded)
+
+        statuses.append(each(singles, regrade_one, options.fail_under))
     return max(statuses)
 
 
-def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) -> Decimal:
+def _regrade_one(
+    folder: Path, options: argparse.Namespace, console: Console, loaded: LoadedRubrics | None
+) -> Decimal:
     from grader.classroom.regrade import regrade
-    from grader.report.changes import changes_table
     from grader.report.terminal import print_result
 
     found = regrade(
-        [folder], options.rubric, options.overrides, pages=True, trusted=options.trust_lab
+        [folder],
+        options.rubric,
+        options.overrides,
+        pages=True,
+        trusted=options.trust_lab,
+        loaded=loaded,
     )
     for error in found.failed.values():
         raise error
@@ -114,12 +123,22 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
     for remark in found.remarks(whole_class=False):
         print_note(console, f"Note: {remark}")
     if judged.changes.before is not None and judged.changes.matters:
-        console.print()
-        console.print(changes_table({name: judged.changes}))
+        _print_changes(console, name, judged.changes)
     return judged.result.final
 
 
+def _print_changes(console: Console, name: str, changes: Changes) -> None:
+    """Print the changes of a submission as a table."""
+    # Imported late: without a change, the tables of a class are not needed.
+    from grader.report.changes import changes_table
+
+    console.print()
+    console.print(changes_table({name: changes}))
+
+
 def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
+    from rich.progress import Progress
+
     from grader import result_folder
     from grader.classroom.regrade import recorded_in, regrade
     from grader.report.changes import changes_csv, print_changes

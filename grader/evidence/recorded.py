@@ -690,7 +690,11 @@ class Recorded:
 
     def lines_of(self, run: ProcessRun) -> list[OutputLine]:
         """Return the output of a process as a terminal shows it, without colours and control characters."""
-        return plain_output(run.output)
+        return list(self._plain_output(run))
+
+    @functools.cache  # noqa: B019 - see `stream`
+    def _plain_output(self, run: ProcessRun) -> tuple[OutputLine, ...]:
+        return tuple(plain_output(run.output))
 
 
 def _parts(run: ProcessRun) -> Iterator[Span]:

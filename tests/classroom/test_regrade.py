@@ -13,7 +13,7 @@ import pytest
 
 from grader import result_folder
 from grader.classroom.audit import note_replaced
-from grader.classroom.regrade import Regrade, is_class, recorded_in, regrade
+from grader.classroom.regrade import LoadedRubrics, Regrade, is_class, recorded_in, regrade
 from grader.errors import RecordingError, RubricError
 from grader.judging import rubrics
 from grader.lab.kept_lab import lab_folder
@@ -87,6 +87,16 @@ def trail(results: Path) -> list[dict[str, Any]]:
     """Give the lines of the trail."""
     path = results / AUDIT_FILE
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def test_several_calls_share_a_rubric(results: Path) -> None:
+    """`grade regrade results/alice results/bob` loads the copy of their rubric once."""
+    loaded: LoadedRubrics = {}
+    used = []
+    for name in NAMES:
+        found = regrade([results / name], pages=False, loaded=loaded)
+        used.append(found.judged[name].rubric)
+    assert used[0] is used[1]
 
 
 # -- which folders ---------------------------------------------------------------------------------

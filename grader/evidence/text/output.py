@@ -58,7 +58,7 @@ def read_output(output: Sequence[OutputLine]) -> list[OutputLine]:
     lines: list[OutputLine] = []
     for line in _without_tracebacks(plain_output(output)):
         prefix = _PREFIX.match(line.text)
-        if prefix is not None:
+        if prefix is not None and prefix.end():
             line = replace(line, text=line.text[prefix.end() :])
         lines.append(line)
     if not _has_decimal_commas(lines):
@@ -69,7 +69,7 @@ def read_output(output: Sequence[OutputLine]) -> list[OutputLine]:
 def _has_decimal_commas(lines: Sequence[OutputLine]) -> bool:
     """Tell whether a line has a number that only a decimal comma explains."""
     for line in lines:
-        if _FRACTION.search(_PAIR.sub("", line.text)):
+        if "," in line.text and _FRACTION.search(_PAIR.sub("", line.text)):
             return True
     return False
 

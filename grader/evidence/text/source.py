@@ -10,6 +10,7 @@ import ast
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import PurePosixPath
 
 from grader.evidence.text.comments import CodeFinder, is_for_programs, is_licence
@@ -228,6 +229,7 @@ def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[_Scope]:
         stack += reversed(inner)
 
 
+@lru_cache(maxsize=8)
 def _only_unit(tree: ast.Module) -> ast.AST | None:
     """Return the only class of a file, or the only function of a file without classes, `main` left out."""
     found: list[ast.AST] = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]

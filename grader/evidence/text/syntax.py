@@ -68,6 +68,7 @@ def spans(text: str) -> list[re.Match[str]]:
     return list(_SPAN.finditer(text))
 
 
+@functools.lru_cache(maxsize=8)
 def blank_out(text: str) -> str:
     """Return a text without comments, and with underscores for strings, line for line."""
     return _SPAN.sub(_blank, text)

@@ -222,9 +222,9 @@ def tag(name: str, content: str | Markup = "", **attributes: str | float) -> Mar
     for key, value in attributes.items():
         attribute = key.rstrip("_").replace("_", "-")
         if isinstance(value, str):
-            written = escape(value)
+            written = str(escape(value))
         else:
-            written = Markup(f"{value:.1f}".removesuffix(".0"))
+            written = f"{value:.1f}".removesuffix(".0")
         parts.append(f' {attribute}="{written}"')
     if not isinstance(content, Markup):
         content = escape(shown(content))

@@ -1,0 +1,45 @@
+"""Modules that commands load: a start costs CPU time, and a class or a page starts many."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grader.judging.rubrics import read_rubric
+from tests.regraded import judge_results
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Of the live half, of the review desk, of a class, and parts of libraries that are not needed.
+NOT_FOR_REGRADING = {
+    "rclpy", "asyncio", "subprocess", "scipy", "mujoco", "colcon_core", "grader.live", "confine.running",
+    "starlette", "uvicorn", "grader.desk",
+    "dateparser", "dulwich", "distributed", "rich.progress", "grader.cohort.statistics", "statistics",
+    "rosbags.typesys.stores.ros2_jazzy", "rosbags.highlevel", "lz4", "jsonschema",
+}  # fmt: skip
+
+
+def loaded_by(*arguments: str) -> set[str]:
+    """Return the modules that a command and its forks load."""
+    command = [sys.executable, "-X", "importtime", "-m", "grader.cli", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode == 0, ended.stderr
+    lines = [line for line in ended.stderr.splitlines() if line.startswith("import time:")]
+    return {line.rpartition("|")[2].strip() for line in lines}
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """Return the results of a solution."""
+    folder = tmp_path / "solution"
+    shutil.copytree(ROOT / "tests/recordings/solution", folder / "recordings")
+    judge_results(folder, read_rubric(None))
+    return folder
+
+
+def test_regrading_loads_only_modules_that_it_needs(results: Path) -> None:
+    """Judging a submission again needs neither the live half nor a class."""
+    assert not loaded_by("regrade", str(results)) & NOT_FOR_REGRADING
