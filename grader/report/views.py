@@ -133,8 +133,9 @@ class Loss:
 
 
 def losses_of(result: Result) -> list[Loss]:
-    """Return the checks that lost points by themselves, with those that depend on them; the largest gain first.
+    """Return the checks that lost points by themselves, with those that depend on them.
 
+    Losses that endanger come first, then the largest gains.
     Checks of a criterion with the same hint lost their points by the same mistake, and are one loss.
     """
     found = []
@@ -142,7 +143,8 @@ def losses_of(result: Result) -> list[Loss]:
         for first, *same in _same_mistakes(criterion):
             blocked = _blocked_by(first, result)
             found.append(Loss(first, criterion, (*same, *blocked)))
-    return sorted(found, key=lambda loss: -(loss.check.lost + loss.opens))
+    found.sort(key=lambda loss: -(loss.check.lost + loss.opens))
+    return sorted(found, key=lambda loss: not loss.check.endangers)
 
 
 def _same_mistakes(criterion: CriterionResult) -> list[list[CheckResult]]:

@@ -48,7 +48,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def with_address(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a report of a lab whose policy has a mail address for questions."""
+    """Give a report of a lab with a mail address for questions in its policy."""
     rubric = rubrics.read_rubric(None)
     policy = rubric.policy.model_copy(update={"questions_to": ADDRESS})
     folder = tmp_path_factory.mktemp("address")
