@@ -12,7 +12,7 @@ import json
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
@@ -28,6 +28,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from grader.classroom.regrade import Regrade
 from grader.desk.decisions import ChangedSince, Decision, Desk
+from grader.desk.pasted import pasted_appeal
 from grader.desk.queue import Item
 from grader.desk.rubric_edit import edited, limits_of, save, would_change
 from grader.errors import GraderError, RubricError, UsageError
@@ -83,6 +84,7 @@ class Server:
             Route("/{token}/report", self._report, methods=["GET"]),
             Route("/{token}/preview", self._preview, methods=["POST"]),
             Route("/{token}/decide", self._decide, methods=["POST"]),
+            Route("/{token}/pasted", self._pasted, methods=["POST"]),
             Route("/{token}/undo", self._undo, methods=["POST"]),
             Route("/{token}/rubric", self._limits, methods=["GET"]),
             Route("/{token}/rubric/preview", self._rubric_preview, methods=["POST"]),
@@ -173,6 +175,20 @@ class Server:
             return self._state()
 
         return _json(decide)
+
+    async def _pasted(self, request: Request) -> Response:
+        body = await request.body()
+
+        def note() -> dict[str, Any]:
+            text = _VALUES.validate_json(body).get("text", "")
+            results = self.desk.judged()
+            appeal = pasted_appeal(text, results)
+            (name,) = appeal.names
+            # The student asks, but this desk can take it back.
+            replace(self.desk, who=results[name].submission).decide(appeal)
+            return {"pasted": {"name": name, "id": appeal.id}, **self._state()}
+
+        return _json(note)
 
     async def _undo(self, request: Request) -> Response:
         def undo() -> dict[str, Any]:

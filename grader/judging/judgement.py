@@ -241,7 +241,8 @@ def report_page(
     from grader.report.submission_page import render
 
     figures = _figures(recordings, rubric)
-    return render(result, figures, recordings.sessions, recordings.submission, before)
+    address = rubric.policy.questions_to or ""
+    return render(result, figures, recordings.sessions, recordings.submission, before, address)
 
 
 def _figures(recordings: Recordings, rubric: Rubric) -> dict[str, list[Figure]]:

@@ -25,6 +25,7 @@ def score_check(spec: CheckSpec, finding: Finding, commands: tuple[str, ...] = (
         title=spec.title,
         session=spec.session,
         commands=commands,
+        endangers=spec.endangers,
         earned=earned,
         possible=spec.points,
         undecided=undecided,

@@ -198,6 +198,29 @@ MaybeZone = Annotated[
 ]
 
 
+_ADDRESS = re.compile(r"[A-Za-z0-9._+-]{1,64}@[A-Za-z0-9-]{1,63}(?:\.[A-Za-z0-9-]{1,63}){1,8}")
+
+
+def _address(value: Any) -> Any:
+    if value is None or (isinstance(value, str) and _ADDRESS.fullmatch(value)):
+        return value
+    raise ValueError("a mail address is expected, such as ros-lab@example.edu")
+
+
+#: A mail address.
+MaybeAddress = Annotated[
+    str | None,
+    BeforeValidator(_address),
+    WithJsonSchema(
+        {
+            "type": "string",
+            "pattern": f"^{_ADDRESS.pattern}$",
+            "description": "A mail address, such as ros-lab@example.edu.",
+        }
+    ),
+]
+
+
 @dataclass(frozen=True)
 class SubmissionTime:
     """When a submission was handed in, and how that is known."""
@@ -225,6 +248,10 @@ class Policy(Strict):
     timezone: MaybeZone = Field(
         None,
         description="Time zone of the times in downloads and class lists that name none.",
+    )
+    questions_to: MaybeAddress = Field(
+        None,
+        description="Mail address for students' questions about a check; each check of a report links to it.",
     )
 
     def zoned(self, submission_time: SubmissionTime) -> SubmissionTime:

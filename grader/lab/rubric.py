@@ -358,6 +358,10 @@ class CheckSpec(_OfKind):
         (),
         description="Where one of these checks took points, none are lost here: one mistake costs once.",
     )
+    endangers: bool = Field(
+        False,
+        description="A mistake here can hurt people or break a robot; the report asks to fix it before all others.",
+    )
     hint: str = ""
     replaces: tuple[str, ...] = Field(
         (), description="Ids of earlier checks that have become part of this one."

@@ -107,7 +107,14 @@ def breakable(name: str) -> Markup:
 
 
 def _read(name: str) -> str:
-    return (_FOLDER / name).read_text(encoding="utf-8")
+    """Return a style sheet or a script without indentation and lines of comment."""
+    text = (_FOLDER / name).read_text(encoding="utf-8")
+    kept = ""
+    for row in text.splitlines():
+        code = row.strip()
+        if not code.startswith("//"):
+            kept += f"{code}\n"
+    return kept
 
 
 def _hash(text: str) -> str:

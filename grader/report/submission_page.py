@@ -15,6 +15,7 @@ from grader.report.figures.posture import Motion
 from grader.report.figures.svg import Figure, FiguresOf
 from grader.report.page import render_page
 from grader.report.timeline import timeline_of
+from grader.report.whole_files import whole_files_of
 from grader.result import Outcome, Result
 
 
@@ -24,6 +25,7 @@ def render(
     recordings: Mapping[str, Recorded],
     submission: SubmissionRecord,
     before: Result | None = None,
+    questions_to: str = "",
 ) -> str:
     """Return the report as a page of HTML; equal arguments give equal bytes.
 
@@ -33,6 +35,8 @@ def render(
         Figures by the criterion's id.
     before
         Result of the previous submission.
+    questions_to
+        Mail address for questions; empty for none.
     """
     sessions = {}
     timelines = {}
@@ -48,7 +52,7 @@ def render(
     return render_page(
         "report.html.j2",
         ("report.css", "player.css", "timeline.css"),
-        ("report.js", "player.js", "timeline.js"),
+        ("parts.js", "report.js", "copy.js", "find.js", "player.js", "timeline.js"),
         result=result,
         score=views.final_share(result),
         most=most,
@@ -66,6 +70,7 @@ def render(
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),
         submission=submission,
+        questions_to=questions_to,
         views=views,
         **_compared(before, result),
         **_open_checks(result),
@@ -98,14 +103,15 @@ def _places(
 ) -> dict[str, Any]:
     """Return the template's values with locations in files and logs."""
     anchors = views.anchors_of(sessions)
+    whole = whole_files_of(result, submission.texts)
     locations = {}
     for check in result.every_check:
-        locations[check.id] = views.locations_of(check, submission.texts, anchors)
+        locations[check.id] = views.locations_of(check, submission.texts, anchors, whole)
     violations = []
     for violation in result.violations:
         location = views.location_of(violation.where, {}, anchors)
         violations.append((violation, location, views.titles_of(violation, result)))
-    return {"locations": locations, "violations": violations}
+    return {"locations": locations, "violations": violations, "whole_files": whole.values()}
 
 
 @dataclass(frozen=True)

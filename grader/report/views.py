@@ -8,11 +8,14 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from decimal import ROUND_HALF_UP, Decimal
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from grader.recording.session import OutputLine, ProcessRun, SessionRecord
 from grader.recording.submission import ArtifactFact
 from grader.report.escape import line
+from grader.report.whole_files import WholeFile, lines_of
 from grader.result import (
     ANSWERS,
     MEASURED,
@@ -27,11 +30,12 @@ from grader.result import (
     Violation,
     outcome_of_points,
 )
+from grader.result_folder import REPORT_FILE
 
 if TYPE_CHECKING:
     from grader.report.figures.svg import Figure
 
-HEAD_LINES, TAIL_LINES = 40, 60
+HEAD_LINES, TAIL_LINES = 30, 40
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
 #: Lines that are shown before a highlighted line of output, such as those of a traceback.
 LINES_BEFORE = 6
@@ -129,8 +133,9 @@ class Loss:
 
 
 def losses_of(result: Result) -> list[Loss]:
-    """Return the checks that lost points by themselves, with those that depend on them; the largest gain first.
+    """Return the checks that lost points by themselves, with those that depend on them.
 
+    Losses that endanger come first, then the largest gains.
     Checks of a criterion with the same hint lost their points by the same mistake, and are one loss.
     """
     found = []
@@ -138,7 +143,8 @@ def losses_of(result: Result) -> list[Loss]:
         for first, *same in _same_mistakes(criterion):
             blocked = _blocked_by(first, result)
             found.append(Loss(first, criterion, (*same, *blocked)))
-    return sorted(found, key=lambda loss: -(loss.check.lost + loss.opens))
+    found.sort(key=lambda loss: -(loss.check.lost + loss.opens))
+    return sorted(found, key=lambda loss: not loss.check.endangers)
 
 
 def _same_mistakes(criterion: CriterionResult) -> list[list[CheckResult]]:
@@ -303,17 +309,47 @@ def rule_text(check: CheckResult) -> str:
     return f"the rule “{check.decided_by.replace('_', ' ')}”"
 
 
+def appeal_of(result: Result) -> str:
+    """Return the beginning of each question: `Appeal: LAB, SUBMISSION`."""
+    return f"Appeal: {result.lab}, {result.submission}"
+
+
+def appeal_head(result: Result, check: CheckResult) -> str:
+    """Return the first line of a question about a check: `Appeal: LAB, SUBMISSION, check ID`."""
+    return f"{appeal_of(result)}, check {check.id}"
+
+
+#: Words before a student's own words in a question.
+QUESTION = "What I think is wrong:"
+
+
 def appeal_text(result: Result, check: CheckResult) -> str:
-    """Return the text of an appeal against a check, for the student to complete and send."""
-    facts = (
-        f"Expected: {check.expected}",
-        f"Measured: {check.measured}",
-        f"The report says: {check.reason}",
-    )
-    known = [fact for fact in facts if not fact.endswith(": ")]
-    head = f"Appeal: {result.lab}, {result.submission}, check {check.id}"
-    title = f"{check.title}: {earned_text(check)} of {points(check.possible)} points"
-    return "\n".join([head, title, *known, "What I think is wrong: "])
+    """Return the text of a question about a check, for the student to complete and send."""
+    lines = [
+        appeal_head(result, check),
+        f"{check.title}: {earned_text(check)} of {points(check.possible)} points",
+        f"Link: {REPORT_FILE}#{anchor('check', check.id)}",
+        *_facts(check),
+    ]
+    return "\n".join([*lines, f"{QUESTION} "])
+
+
+def _facts(check: CheckResult) -> list[str]:
+    """Return the known facts of a finding, a line each."""
+    facts = []
+    for name, fact in (
+        ("Expected", check.expected),
+        ("Measured", check.measured),
+        ("The report says", check.reason),
+    ):
+        if fact:
+            facts.append(f"{name}: {fact}")
+    return facts
+
+
+def mail_link(address: str, result: Result, check: CheckResult) -> str:
+    """Return a link that opens a mail about a check; the page's script adds the text."""
+    return f"mailto:{quote(address, safe='@')}?subject={quote(appeal_head(result, check))}"
 
 
 def cell_badge(result: Result, criterion: CriterionResult) -> Badge:
@@ -395,7 +431,7 @@ def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLi
     """
     if file not in texts:
         return ()
-    lines = re.split(r"\r\n|\r|\n", texts[file])
+    lines = lines_of(texts[file])
     if not 1 <= number <= len(lines):
         return ()
     first = max(1, number - CONTEXT_LINES)
@@ -424,15 +460,20 @@ def _indentation(text: str) -> int:
 
 
 def location_of(
-    where: Location, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
+    where: Location,
+    texts: Mapping[str, str],
+    anchors: Mapping[tuple[str, str], str],
+    whole: Mapping[str, WholeFile] = MappingProxyType({}),
 ) -> ShownLocation:
-    """Put a location in words, with its source lines and a link to its process's output or its session."""
+    """Put a location in words, with its source lines and a link to its file, its process's output or its session."""
     if where.file:
-        if where.line:
-            lines = _excerpt(texts, where.file, where.line)
-        else:
-            lines = ()
-        return ShownLocation(str(where), "", lines)
+        if not where.line:
+            return ShownLocation(str(where), "", ())
+        lines = _excerpt(texts, where.file, where.line)
+        href = ""
+        if lines and where.file in whole:
+            href = "#" + whole[where.file].anchor_of(where.line)
+        return ShownLocation(str(where), href, lines)
     session = where.session or ""
     process = where.process or ""
     href = anchors.get((session, process)) or anchors.get((session, "")) or ""
@@ -440,13 +481,16 @@ def location_of(
 
 
 def locations_of(
-    check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
+    check: CheckResult,
+    texts: Mapping[str, str],
+    anchors: Mapping[tuple[str, str], str],
+    whole: Mapping[str, WholeFile] = MappingProxyType({}),
 ) -> list[ShownLocation]:
     """Return the first locations of a check's proof, each once."""
     places = list(dict.fromkeys(check.where))
     found = []
     for where in places[:MOST_LOCATIONS]:
-        location = location_of(where, texts, anchors)
+        location = location_of(where, texts, anchors, whole)
         if location.text:
             found.append(location)
     return found

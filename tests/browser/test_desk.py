@@ -13,6 +13,7 @@ import pytest
 import yaml
 from playwright.sync_api import Browser, Page, expect
 
+from grader.report.views import appeal_text
 from grader.result import load_result
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from tests.browser.chromium import Visit, browser, visit
@@ -416,6 +417,30 @@ def test_more_points_than_there_are_are_refused(chromium: Browser, small: Path) 
         page.locator("#save").click()
         expect(page.locator("#about")).not_to_contain_text("ann · undecided")
         assert [entry["set"] for entry in entries(small)] == [2.5]
+    finally:
+        desk.kill()
+
+
+def test_a_pasted_question_is_an_appeal(chromium: Browser, small: Path) -> None:
+    """It stands in the file under the student's name and is shown; a text without one is refused, and undone is undone."""
+    result = load_result(small / "bob" / RESULT_FILE)
+    mail = appeal_text(result, result.checks[0]) + "<b>My</b> timer is right."
+    desk = serve(small)
+    try:
+        page = opened(chromium, desk).page
+        page.get_by_text("Paste a question").click()
+        page.fill("#pasted", "hello")
+        page.get_by_role("button", name="Note it").click()
+        expect(page.locator("#problem")).to_contain_text("names no check")
+        page.fill("#pasted", mail)
+        page.get_by_role("button", name="Note it").click()
+        expect(page.locator("#about")).to_contain_text("bob · appeal")
+        expect(page.locator("#text")).to_have_text("<b>My</b> timer is right.")
+        (entry,) = entries(small)
+        assert (entry["check"], entry["who"]) == (result.checks[0].id, "bob")
+        page.locator("#undo").click()
+        expect(page.locator("#about")).not_to_contain_text("appeal")
+        assert entries(small) == []
     finally:
         desk.kill()
 

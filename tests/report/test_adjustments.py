@@ -211,7 +211,7 @@ def test_question_and_answer_stand_at_their_check(judged: Result) -> None:
         "It is 94 Hz."
     )
     assert "Well structured." in words_of(page[page.index('id="criterion-publisher"') :])[:600]
-    assert "Appeal: Lab 09-01" in words
+    assert "Ask about this" in words
 
 
 @pytest.mark.parametrize("key", ["score.final", "adjustments"])

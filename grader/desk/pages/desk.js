@@ -307,6 +307,14 @@
     byId("loading").hidden = true;
     inner.addEventListener("keydown", typed);
   });
+  byId("note").addEventListener("click", function () {
+    ask("pasted", { text: byId("pasted").value }).then(function (plain) {
+      show(plain);
+      byId("pasted").value = "";
+      byId("pasting").open = false;
+      open(visible().filter(function (i) { return i.kind === "appeal" && i.name === plain.pasted.name && i.part.id === plain.pasted.id; })[0] || current);
+    }, function () {});
+  });
   byId("filters").addEventListener("input", list);
   byId("filters").addEventListener("submit", function (event) { event.preventDefault(); });
   ask("queue").then(show, function () {});

@@ -24,9 +24,9 @@ WIDE, HALF, NARROW = 920, 440, 330
 #: Margins around a frame in px.
 LEFT, RIGHT, TOP, BOTTOM = 50, 14, 14, 44
 #: Points of a line in a narrow picture.
-NARROW_POINTS = 160
+NARROW_POINTS = 120
 #: Points of a line in a wide picture; more cannot be told apart.
-MOST_POINTS = 400
+MOST_POINTS = 300
 #: Label of an axis of times.
 SINCE = "seconds since the session's start"
 
@@ -94,6 +94,13 @@ class Canvas:
     def dot(self, x: float, y: float, radius: float, class_: str) -> None:
         """Draw a circle."""
         self.add("circle", cx=x, cy=y, r=radius, class_=class_)
+
+    def dots(self, points: Iterable[Sequence[float]], radius: float, class_: str) -> None:
+        """Draw equal circles around points (x, y), as the round ends of lines without a length."""
+        steps = ""
+        for x, y in points:
+            steps += f"M{x:.1f} {y:.1f}h0"
+        self.add("path", d=steps, stroke_width=2 * radius, class_=class_)
 
     def path(self, steps: str, class_: str) -> None:
         """Draw a path; `steps` is its `d` attribute, such as `M4 8v10`."""

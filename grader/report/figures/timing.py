@@ -319,8 +319,8 @@ class _Latencies:
             few_s = few_s[::2]
         # Multiples of the golden ratio spread the dots evenly over the strip's height, without chance.
         heights = top + 9 * (np.arange(len(few_s)) * 0.618034 % 1.0)
-        for delay_s, y in zip(few_s, heights, strict=True):
-            canvas.dot(_place(frame, delay_s), y, 1.6, "dot faint")
+        places = [_place(frame, delay_s) for delay_s in few_s]
+        canvas.dots(zip(places, heights, strict=True), 1.6, "dots faint")
 
     def _paint_box(self, frame: Frame, middle: float) -> None:
         """Draw the middle 90 % and the middle half of the latencies."""

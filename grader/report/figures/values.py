@@ -432,6 +432,8 @@ class _ReportChart:
         if frame.canvas.narrow and len(self.values) > NARROW_POINTS:
             step = 2
         reported = zip(self.times_s, self.values, self.within, strict=True)
+        points = []
         for time_s, value, near in list(reported)[::step]:
             if near:
-                frame.canvas.dot(frame.px(time_s), frame.py(value), 2.4, "dot")
+                points.append((frame.px(time_s), frame.py(value)))
+        frame.canvas.dots(points, 2.4, "dots")

@@ -1,4 +1,3 @@
-"use strict";
 (function () {
   // Whole numbers, each as its difference from the one above it: see grader/report/figures/posture.py.
   function decoded(text, width) {

@@ -1,15 +1,15 @@
-"use strict";
 // The timelines of sessions: a click or an arrow key leads to a moment, its line of the log and its time in the bag.
 (function () {
   var MOST = 64;
-  function each(from, selector, act) { Array.prototype.forEach.call(from.querySelectorAll(selector), act); }
+  var each = parts.each;
   function add(parent, name, text) {
     var made = document.createElement(name);
     made.textContent = text;
     parent.appendChild(made);
     return made;
   }
-  each(document, ".timeline", function (timeline) {
+  parts.whenBuilt(function (root) { each(root, ".timeline", begin); });
+  function begin(timeline) {
     var length = Number(timeline.dataset.length), started = timeline.dataset.started, session = timeline.dataset.session;
     var scroll = timeline.querySelector(".tl-scroll"), wide = timeline.querySelector(".tl-wide");
     var picture = timeline.querySelector(".tl-picture"), read = timeline.querySelector(".tl-read");
@@ -64,14 +64,14 @@
     function lineAt(at) {
       var found = null, best = Infinity;
       each(timeline.closest(".session"), ".out", function (line) {
-        var written = Number(line.firstChild.textContent);
+        var written = parseFloat(line.firstChild.textContent);
         if (written >= at - 0.0005 && written < best) { best = written; found = line; }
       });
       return found;
     }
     function show(line) {
       each(document, ".out.on", function (other) { other.classList.remove("on"); });
-      for (var e = line; e; e = e.parentElement) { if (e.tagName === "DETAILS") { e.open = true; } }
+      parts.show(line);
       line.classList.add("on");
       line.scrollIntoView({block: "center"});
     }
@@ -147,5 +147,5 @@
     });
     timeline.querySelector(".tl-in").addEventListener("click", function () { scale(2); });
     timeline.querySelector(".tl-out").addEventListener("click", function () { scale(0.5); });
-  });
+  }
 })();
