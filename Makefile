@@ -7,6 +7,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
+# `-qq` shows errors alone: with several package indexes, pip writes a warning for each package that one of them lacks.
+PIP_INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
 # Compiled test modules are kept: each worker needs them, and rewriting the assertions costs a core 12 s.
@@ -82,13 +84,15 @@ system-dev:
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or newer is needed, as in Ubuntu 24.04 or Debian 12: make PYTHON=/path/to/python3.12 ..."; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[desk,mujoco,scipy]' || $(NOT_INSTALLED)
-	touch $@
+	@echo "Installing the grader into $(VENV), for a minute ..."
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(PIP_INSTALL) -e '.[desk,mujoco,scipy]' || $(NOT_INSTALLED)
+	@touch $@
 
 $(DEV_STAMP): $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]' || $(NOT_INSTALLED)
-	touch $@
+	@echo "Installing the tools for development into $(VENV) ..."
+	@$(PIP_INSTALL) -e '.[dev]' || $(NOT_INSTALLED)
+	@touch $@
 
 clean:
 	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

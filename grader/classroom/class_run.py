@@ -230,7 +230,7 @@ class ClassRun:
         except Exception as error:
             ending = self._abandoned(task, problem_of(error))
         if scope is Scope.ONCE and isinstance(ending, Result) and self._is_undecided(ending):
-            waits = Progress("", "waits for the others, since something is undecided")
+            waits = Progress("", "waits for the other submissions, to retry undecided checks")
             self.display.phase(name, waits)
             return ending
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -23,15 +23,16 @@ from grader.result import Result
 
 _NAME_WIDTH = 40
 _PROBLEM_WIDTH = 200
-_SHOWN_ENDED = 6
 _BAR_WIDTH = 40
+#: Least time for a speed, in s.
+_LEAST_S = 1e-3
 
 
 class RunProgress(Live):
     """Progress of a run: finished, running (with its phase) and waiting submissions, and the estimated time left.
 
-    On a terminal the view is updated in place; elsewhere, as in a CI job, each ending prints a line. The first
-    estimate uses the number of sessions at a time.
+    Each ending prints a line; below these lines, a terminal shows the others, updated in place. The first estimate
+    uses the number of sessions at a time.
     """
 
     def __init__(self, console: Console, at_a_time: int, noun: str = "submissions") -> None:
@@ -43,7 +44,6 @@ class RunProgress(Live):
         self._done_s = 0.0
         self._phases: dict[str, dict[str, str]] = {}
         self._since_s: dict[str, float] = {}
-        self._ended: deque[Text] = deque(maxlen=_SHOWN_ENDED)
         self._done = 0
         self._remarks: Counter[str] = Counter()
         super().__init__(console=console, get_renderable=self.view, transient=True)
@@ -78,10 +78,8 @@ class RunProgress(Live):
         self._done += 1
         self._remarks.update([remark] if remark else [])
         if line is not None:
-            self._ended.append(line)
-            if not self._console.is_terminal:
-                count = Text(f"[{self._done}/{self._total}] ")
-                self._console.print(count.append(line), soft_wrap=True, highlight=False)
+            count = Text(f"[{self._done}/{self._total}] ")
+            self._console.print(count.append(line), soft_wrap=True, highlight=False)
 
     @property
     def _total(self) -> int:
@@ -119,12 +117,13 @@ class RunProgress(Live):
         bar = Table.grid()
         total = max(1, self._total)
         bar.add_row(ProgressBar(total=total, completed=self._done, width=_BAR_WIDTH))
-        return Group(*self._ended, Text(""), self._headline(), bar, table)
+        return Group(Text(""), self._headline(), bar, table)
 
     def _headline(self) -> Text:
         waiting = len(self._work_s) - len(self._phases)
         parts = [f"{self._done} of {self._total} {self._noun} done"]
-        parts += [f"{count} {remark}" for remark, count in self._remarks.items()]
+        for remark, count in self._remarks.items():
+            parts.append(f"{count} {remark}")
         parts.append(f"{len(self._phases)} under way")
         parts.append(f"{waiting} in the queue")
         parts.append(f"about {self._time_left()} left")
@@ -133,8 +132,8 @@ class RunProgress(Live):
     def _time_left(self) -> str:
         """Estimate the time left: by the speed so far, as soon as there is one."""
         elapsed_s = time.monotonic() - self._began_s
-        if self._done_s and elapsed_s > 0:
-            speed = self._done_s / elapsed_s
+        if self._done_s:
+            speed = self._done_s / max(elapsed_s, _LEAST_S)
         else:
             speed = self._speed
         left_s = sum(self._work_s.values()) / speed

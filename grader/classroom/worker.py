@@ -96,7 +96,7 @@ class Here(ExitStack):
         async with self._room:
             ending = await self._grade(job, on_progress)
             if isinstance(ending, ProcessLostError):
-                again = Progress("", "begins again, since a process of the grader's was killed")
+                again = Progress("", "restarting: a grader process was killed")
                 on_progress(again)
                 ending = await self._grade(job, on_progress)
             return ending, self._isolation.level
@@ -278,11 +278,12 @@ class _WorkerScheduler:
         self._give_back()
         assert self.job.machine is not None
         alone = attempt > 2 and self._alone_s < self.job.alone_s
-        text, parts = "waits", None
+        text, parts = "waits for a free slot", None
         if alone:
-            text, parts = "waits to run alone", 1
+            text, parts = "waits to run alone, to retry undecided checks", 1
         elif attempt > 1:
-            text, parts = "waits to run beside few others", self.job.machine.slots
+            parts = self.job.machine.slots
+            text = "waits to run beside few others, to retry undecided checks"
         async with asking:
             give_back = await self._take(Progress(spec.id, text), parts)
         began_s = time.monotonic()

@@ -30,7 +30,7 @@ examples:
   grade appeal results/alice publisher.rate                                   # evidence only
   grade appeal results/alice publisher.rate --question "My timer is 0.01 s."  # noted for the desk
   grade appeal results/alice publisher.rate --answer "You are right." --set 5 --reason "the timer is right"
-  grade appeal results/alice publisher.rate --answer "The recording shows 94 Hz; see the figure."
+  grade appeal results/alice publisher.rate --answer "The recording shows 94 Hz; see the figure." --mail
 """
 
 
@@ -64,6 +64,7 @@ def make_parser() -> argparse.ArgumentParser:
         default=login(),
         help="your name, for the decisions (default: %(default)s)",
     )
+    add_flag(parser, "--mail", "also write a mail with the new report, for a mail program")
     add_path(
         parser, "--overrides", "decisions by people (default: overrides.yaml beside the results)"
     )
@@ -73,6 +74,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Judge again, write the evidence, note question and answer; returns the exit status."""
+    from grader.commands.export import write_mails
     from grader.files import replace_file
     from grader.judging.judgement import evidence_of
     from grader.report.views import anchor
@@ -97,6 +99,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
         console.print(
             f"Noted in {desk.overrides_file}; the report shows it.", soft_wrap=True, markup=False
         )
+    if options.mail:
+        write_mails(folder.parent, {folder.name}, folder, console)
     return 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -151,13 +151,31 @@ def _export_class(
     results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console
 ) -> Decimal:
     """Write forms of a class; returns 0, because a class has no points."""
-    from grader.report.exports.returned import ReturnedClass
-
     is_single = (results / RESULT_FILE).is_file()
     entries = _entries_of(results, options.class_list, is_single=is_single)
     _require_one_lab(entries, results)
-    folder = results.resolve().parent if is_single else results
-    given = ReturnedClass(entries, folder, options.column, options.sender or "")
+    return_entries(
+        entries, results, targets, console, column=options.column, sender=options.sender or ""
+    )
+    return Decimal(0)
+
+
+def return_entries(
+    entries: Sequence[ClassEntry],
+    results: Path,
+    targets: Sequence[ExportTarget],
+    console: Console,
+    *,
+    column: str = "",
+    sender: str = "",
+) -> None:
+    """Write forms of a class for some entries of it; raises RecordingError if a form reaches no student."""
+    from grader.report.exports.returned import ReturnedClass
+
+    folder = results
+    if (results / RESULT_FILE).is_file():
+        folder = results.resolve().parent
+    given = ReturnedClass(entries, folder, column, sender)
     notes = _standing_of(entries)
     prints_a_form = any(target.file == STANDARD_OUTPUT for target in targets)
     display = Console(stderr=True) if prints_a_form else console
@@ -181,7 +199,23 @@ def _export_class(
             location=str(results),
             remedy="The notes above have the reasons. A --class-list adds data, for example an export of the grade book.",
         )
-    return Decimal(0)
+
+
+def write_mails(results: Path, names: Collection[str], folder: Path, console: Console) -> None:
+    """Write a mailbox with the reports of some submissions of a class into a folder of results.
+
+    Addresses come from the download and the kept class list. Raises RecordingError if there are none.
+    """
+    from grader.cohort.entries import entries_in, with_roster
+    from grader.commands.report import class_list_of
+    from grader.submission.roster import read_class_list
+
+    entries = entries_in(results)
+    listed = class_list_of(results, entries, None)
+    if listed is not None:
+        entries = with_roster(entries, read_class_list(listed))
+    wanted = [entry for entry in entries if entry.name in names]
+    return_entries(wanted, folder, [ExportTarget.parse("mail", FORMS)], console)
 
 
 def _entries_of(results: Path, class_list: Path | None, *, is_single: bool) -> list[ClassEntry]:

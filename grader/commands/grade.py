@@ -40,6 +40,7 @@ from grader.commands.usage import WrongUsage
 from grader.errors import GraderError, UsageError
 from grader.lab.shipped_labs import require_extras
 from grader.recording.submission import SUBMISSION_FILE
+from grader.report.escape import terminal_text
 from grader.result_folder import EXPORTED, HISTORY, RECORDINGS
 from grader.submission.file_names import is_packed
 from grader.submission.separation import (
@@ -555,9 +556,11 @@ def _late_without_time(submissions: Iterable[SubmissionSource]) -> list[str]:
 def _report_class(
     rows: Sequence[Row], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> None:
-    """Write the class page and the table of grades from all results in the folder."""
+    """Write the class page and the table of grades from all results in the folder, and print the next steps."""
     from grader.classroom.class_run import entries_of
+    from grader.cohort.next_steps import next_steps
     from grader.commands.report import report_class
+    from grader.report.exports import CLASS_EXPORTS
 
     entries = entries_of(options.output, rows)
     known = {row.source.name for row in rows}
@@ -566,11 +569,13 @@ def _report_class(
         print_note(
             console, f"The class page also has results of earlier runs: {', '.join(earlier)}."
         )
-    kinds = [False, True] if options.anonymous else [False]
-    for anonymous in kinds:
-        report_class(
-            options.output, entries, rubric, console, options.class_list, anonymous=anonymous
-        )
+    listed = options.class_list
+    if options.anonymous:
+        report_class(options.output, entries, rubric, console, listed, anonymous=True)
+    summary = report_class(options.output, entries, rubric, console, listed)
+    console.print("Next:")
+    for step in next_steps(summary, options.output, CLASS_EXPORTS):
+        console.print(Text(f"  {terminal_text(str(step))}"), soft_wrap=True)
 
 
 def _status(row: Row, least: Decimal | None) -> int:

@@ -33,7 +33,7 @@ _DESCRIPTION = """\
 Judge recordings again; needs no ROS.
 
 A submission (results/alice) is judged and written at once. For a class (results/), the command prints all changes, and
-writes them to changes.csv there; --apply also writes the results.
+writes them to changes.csv there; --apply also writes the results and the class page, and --ask does so after a question.
 
 Decisions by people in overrides.yaml, beside the submissions' folders, are applied each time. Replaced results are kept
 in history/, with a line in audit.jsonl, both beside the submissions' folders.
@@ -73,7 +73,10 @@ def make_parser() -> argparse.ArgumentParser:
         "--trust-lab",
         "execute unknown files of a lab that came with the recordings, because I trust their source",
     )
-    add_flag(parser, "--apply", "write the new results of a class")
+    writing = parser.add_mutually_exclusive_group()
+    add_flag(writing, "--apply", "write the new results of a class, and its page")
+    add_flag(writing, "--ask", "show the changes of a class, and ask whether to write them")
+    add_flag(parser, "--mail", "also write mails with the changed reports, for a mail program")
     add_jobs(parser, "number of processes side by side for a class (default: one per core)")
     add_fail_under(parser)
     return parser
@@ -86,8 +89,12 @@ def run(arguments: Sequence[str], console: Console) -> int:
     parser = make_parser()
     options = parser.parse_args(arguments)
     classes = [folder for folder in options.results if is_class(folder)]
-    if not classes and (options.apply or options.jobs):
-        parser.error("--apply and --jobs are for a class; a single submission is written at once")
+    if not classes and any((options.apply, options.ask, options.jobs, options.mail)):
+        parser.error(
+            "--apply, --ask, --mail and --jobs are for a class; a single submission is written at once"
+        )
+    if options.mail and not (options.apply or options.ask):
+        parser.error("--mail needs --apply or --ask")
     singles = [folder for folder in options.results if folder not in classes]
     statuses = [_regrade_class(folder, options, console) for folder in classes]
     if singles:
@@ -139,7 +146,6 @@ def _print_changes(console: Console, name: str, changes: Changes) -> None:
 def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) -> int:
     from rich.progress import Progress
 
-    from grader import result_folder
     from grader.classroom.regrade import recorded_in, regrade
     from grader.report.changes import changes_csv, print_changes
     from grader.result_folder import CHANGES_FILE
@@ -152,7 +158,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
             folders,
             options.rubric,
             options.overrides,
-            pages=options.apply,
+            pages=options.apply or options.ask,
             trusted=options.trust_lab,
             jobs=options.jobs,
             on_judged=lambda name: progress.advance(task),
@@ -167,16 +173,27 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     print_changes(console, found.changes)
     matter = [changes for changes in found.changes.values() if changes.matters]
     replace_file(folder / CHANGES_FILE, changes_csv(matter))
+    if options.ask and matter:
+        options.apply = _is_confirmed(console)
     if options.apply:
         found.apply()
     for remark in found.remarks():
         print_note(console, f"Note: {remark}")
     console.print(f"Judged in {took_s:.1f} s. {_outlook(options, matter)}".rstrip())
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
-    has_page = (folder / result_folder.CLASS_PAGE).exists()
-    if options.apply and matter and has_page:
-        print_note(console, f"The class page is out of date; run `grade report {folder}`.", "")
+    if options.apply and matter:
+        changed = [name for name, changes in found.changes.items() if changes.matters]
+        _report(folder, changed, options, console)
     return _status(found, matter, options)
+
+
+def _is_confirmed(console: Console) -> bool:
+    """Ask whether to write the results; without an answer, they are not written."""
+    try:
+        answer = console.input("Write these results? [y/N] ", markup=False)
+    except EOFError:
+        return False
+    return answer.strip().lower() in ("y", "yes")
 
 
 def _outlook(options: argparse.Namespace, matter: Sequence[Changes]) -> str:
@@ -186,6 +203,20 @@ def _outlook(options: argparse.Namespace, matter: Sequence[Changes]) -> str:
     if matter:
         return "No result is written yet; --apply writes them."
     return ""
+
+
+def _report(
+    folder: Path, changed: Sequence[str], options: argparse.Namespace, console: Console
+) -> None:
+    """Renew the class page, if there is one, and write mails for the changed submissions if these are wanted."""
+    from grader import result_folder
+    from grader.commands import report
+    from grader.commands.export import write_mails
+
+    if (folder / result_folder.CLASS_PAGE).exists():
+        report.run([str(folder)], console)
+    if options.mail:
+        write_mails(folder, changed, folder, console)
 
 
 def _status(found: Regrade, matter: Sequence[Changes], options: argparse.Namespace) -> int:

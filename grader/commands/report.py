@@ -100,8 +100,11 @@ def report_class(
     *,
     anonymous: bool = False,
     counted: bool = False,
-) -> None:
-    """Write the page and the table of grades of a class; anonymous ones get pseudonyms and file names of their own."""
+) -> ClassSummary:
+    """Write the page and the table of grades of a class; returns the summary.
+
+    Anonymous ones get pseudonyms and file names of their own.
+    """
     from grader.classroom.similarity import read_similarity
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.entries import in_zone, with_roster
@@ -109,7 +112,7 @@ def report_class(
     from grader.report import class_page, grades_csv
     from grader.submission.roster import read_class_list
 
-    listed = _class_list(results, entries, class_list)
+    listed = class_list_of(results, entries, class_list)
     if listed is not None:
         entries = with_roster(entries, read_class_list(listed))
     entries = in_zone(entries, rubric.policy)
@@ -124,6 +127,7 @@ def report_class(
     if counted:
         console.print(f"{_counts(summary)}.")
     console.print(f"Class: {page}\nGrades: {grades}", soft_wrap=True, markup=False)
+    return summary
 
 
 def _counts(summary: ClassSummary) -> str:
@@ -140,7 +144,7 @@ def _counts(summary: ClassSummary) -> str:
     return f"{words}; {need_attention} need{'s' * (need_attention == 1)} attention"
 
 
-def _class_list(results: Path, entries: Sequence[ClassEntry], given: Path | None) -> Path | None:
+def class_list_of(results: Path, entries: Sequence[ClassEntry], given: Path | None) -> Path | None:
     """Return the given class list and keep a copy, or return the kept one; None if there is neither.
 
     A kept list within a submission may be a student's and does not count.

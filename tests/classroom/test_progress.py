@@ -71,7 +71,8 @@ def test_in_a_ci_job_each_submission_is_a_line() -> None:
 
 def test_on_a_terminal_all_that_runs_is_shown() -> None:
     """The display shows finished, running and waiting submissions, the phase, and the time left."""
-    progress = RunProgress(console(terminal=True)[0], 4)
+    screen, stream = console(terminal=True)
+    progress = RunProgress(screen, 4)
     for name in ("ann", "bob", "cem", "dan"):
         progress.expect(name, 40.0)
     assert "0 of 4 submissions done · 0 under way · 4 in the queue · about 40 s left" in shown(
@@ -89,20 +90,22 @@ def test_on_a_terminal_all_that_runs_is_shown() -> None:
     progress.ended(row("ann", points("84.6")))
     text = shown(progress)
     assert "1 of 4 submissions done · 1 under way · 2 in the queue" in text
-    assert "✓ ann: 84.6 / 100 (12 s)" in text
     assert "qos" not in text
+    assert "[1/4] ✓ ann: 84.6 / 100 (12 s)" in stream.getvalue()
 
 
 def test_the_view_stays_small_in_a_large_class() -> None:
-    """Only the last few of two hundred ended submissions are shown, to fit a terminal."""
-    progress = RunProgress(console(terminal=True)[0], 4)
+    """Two hundred ended submissions leave a line each, above a view of a few lines."""
+    screen, stream = console(terminal=True)
+    progress = RunProgress(screen, 4)
     for number in range(200):
         progress.expect(f"s{number}", 40.0)
     for number in range(199):
         progress.ended(row(f"s{number}", points("50")))
     text = shown(progress)
     assert "199 of 200" in text
-    assert "s198" in text
+    assert "s198" not in text
+    assert len(re.findall(r"✓ s[0-9]+: 50 / 100", stream.getvalue())) == 199
     assert len(text.splitlines()) < 15
 
 

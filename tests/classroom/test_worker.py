@@ -160,9 +160,13 @@ ELSEWHERE = (
 )
 
 
+BESIDE_FEW = "waits to run beside few others, to retry undecided checks"
+ALONE = "waits to run alone, to retry undecided checks"
+
+
 @pytest.mark.parametrize(
     ("alone_s", "third"),
-    part([(60.0, "waits to run alone"), (0.0, "waits to run beside few others")], 2, EVERY_ATTACK),
+    part([(60.0, ALONE), (0.0, BESIDE_FEW)], 2, EVERY_ATTACK),
 )
 def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(
     case: Case, alone_s: float, third: str
@@ -180,7 +184,7 @@ def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(
     # The machine, busy with other tests, decides if the last recording does.
     assert (ending.score.earned, ending.score.possible) == (Decimal(0), Decimal(1))
     waits = dict.fromkeys(phase for phase in case.phases if phase.startswith("waits"))
-    assert list(waits) == list(dict.fromkeys(["waits", "waits to run beside few others", third]))
+    assert list(waits) == list(dict.fromkeys(["waits for a free slot", BESIDE_FEW, third]))
 
 
 class Harmful:

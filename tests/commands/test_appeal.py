@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import mailbox
 import re
 import shutil
 from decimal import Decimal
@@ -16,7 +17,7 @@ from grader.errors import UsageError
 from grader.judging.rubrics import read_rubric
 from grader.lab.overrides import load_overrides
 from grader.result import AdjustmentKind, Result, load_result
-from grader.result_folder import AUDIT_FILE, REPORT_FILE, RESULT_FILE
+from grader.result_folder import AUDIT_FILE, EXPORTED, REPORT_FILE, RESULT_FILE
 from tests.desk.made_class import add_alike
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
@@ -140,6 +141,20 @@ def test_question_and_answer_stand_in_the_next_report(
     assert file.read_text(encoding="utf-8").startswith("# by mail\n")
     assert "# none yet" in file.read_text(encoding="utf-8")
     assert len(load_overrides(file, read_rubric(None)).entries) == 2
+
+
+def test_an_answer_the_new_report_and_its_mail_are_one_command(alice: Path) -> None:
+    """With --mail, the report with the answer lies in a mailbox beside it."""
+    (alice.parent / "class-list.csv").write_text("name,email\nalice,alice@uni.example\n")
+    printed = run(alice, "--answer", "You are right.", "--set", "2", "--mail")
+    mails = alice / EXPORTED / "mail.mbox"
+    assert f"{mails}: 1" in printed
+    (mail,) = mailbox.mbox(mails, create=False)
+    assert mail["To"] == "alice <alice@uni.example>"
+    report = (alice / REPORT_FILE).read_bytes()
+    assert b"You are right." in report
+    attached = [part.get_payload(decode=True) for part in mail.walk() if part.get_filename()]
+    assert report in attached
 
 
 def test_an_unknown_check_is_told(alice: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 from pathlib import Path
@@ -14,6 +15,7 @@ from grader.lab.kept_lab import lab_folder
 from grader.result_folder import (
     AUDIT_FILE,
     CHANGES_FILE,
+    EXPORTED,
     HISTORY,
     RECORDINGS,
     RESULT_FILE,
@@ -124,13 +126,45 @@ def test_applying_writes_and_notes(
     assert len(list((results / HISTORY).rglob("*.json"))) == 2
 
 
-def test_the_class_page_is_said_to_be_of_before(
+def test_the_class_page_follows(
     results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A page over the class that is there is not touched, and how to make it anew is told."""
+    """With --apply a class page is written again; none is begun."""
+    run(capsys, results, "--rubric", stricter, "--apply")
+    assert not (results / "index.html").exists()
     (results / "index.html").write_text("old")
-    assert "grade report" in run(capsys, results, "--rubric", stricter, "--apply")[1]
+    assert run(capsys, results, "--apply")[0] == 0
     assert (results / "index.html").read_text() == "old"
+    assert run(capsys, results, "--rubric", SHIPPED, "--apply")[0] == 0
+    assert "16.2" in (results / "index.html").read_text()
+
+
+@pytest.mark.parametrize(("answer", "final"), [("y", 11.2), ("n", 16.2), ("", 16.2)])
+def test_a_change_is_shown_applied_and_reported_in_one(
+    answer: str,
+    final: float,
+    results: Path,
+    stricter: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """--ask shows the changes, then asks; after a yes, results, class page and mails are written."""
+    (results / "index.html").write_text("old")
+    (results / "class-list.csv").write_text(
+        "name,email\nann,ann@uni.example\nbob,bob@uni.example\n", encoding="utf-8"
+    )
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{answer}\n" if answer else ""))
+    status, output, errors = run(capsys, results, "--rubric", stricter, "--ask", "--mail")
+    assert "Write these results? [y/N]" in output
+    assert [points(results / name) for name in ("ann", "bob")] == [final, final]
+    mails = results / EXPORTED / "mail.mbox"
+    assert mails.exists() == (answer == "y"), errors
+    assert ((results / "index.html").read_text() == "old") == (answer != "y")
+    if answer == "y":
+        assert status == 0
+        assert "To: ann <ann@uni.example>" in mails.read_text(encoding="utf-8")
+    else:
+        assert (status, "No result is written yet" in output) == (1, True)
 
 
 def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,13 +276,15 @@ def test_another_file_of_decisions(
     assert points(results / "ann") == 17.2
 
 
-@pytest.mark.parametrize("option", [["--apply"], ["-j", "2"]])
+@pytest.mark.parametrize("option", [["--apply"], ["-j", "2"], ["--ask"], ["--mail", "--apply"]])
 def test_what_is_for_a_class(
     results: Path, option: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """--apply and --jobs with a single submission are wrong usage."""
+    """--apply, --ask, --mail and --jobs with a single submission are wrong usage; so is --mail alone."""
     status, _, errors = run(capsys, results / "ann", *option)
     assert (status, "usage: grade regrade" in errors) == (2, True)
+    status, _, errors = run(capsys, results, "--mail")
+    assert (status, "--mail needs --apply or --ask" in errors) == (2, True)
 
 
 def test_the_help_shows_what_can_be_decided(capsys: pytest.CaptureFixture[str]) -> None:
