@@ -10,6 +10,7 @@ RUN apt-get update \
 WORKDIR /opt/grader
 COPY LICENSE README.md constraints.txt pyproject.toml rubric.schema.json rubric.yaml ./
 COPY confine confine
+COPY docs/grade.1 docs/grade.1
 COPY grader grader
 COPY labs labs
 COPY launch_plan launch_plan

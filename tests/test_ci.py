@@ -93,7 +93,7 @@ def test_all_that_an_installation_is_made_of_goes_along(file: str) -> None:
     """The image and Gradescope's archive have the files that the package's build includes."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
-    included = {*wheel["only-include"], *wheel["force-include"]}
+    included = {*wheel["only-include"], *wheel["force-include"], *wheel["shared-data"]}
     included |= {project["project"]["readme"], *project["project"]["license-files"]}
     assert {"grader", "labs", "rubric.yaml", "reference"} <= included
     words = set(re.split(r"[\s!]+", (ROOT / file).read_text(encoding="utf-8")))
