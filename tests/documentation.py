@@ -27,10 +27,9 @@ class Block:
 def blocks(page: Path, language: str = "") -> list[Block]:
     """Give the blocks of a page, or those in one language."""
     found = _BLOCK.findall(page.read_text(encoding="utf-8"))
-    listed = [
-        Block(kind, title, re.sub(f"^{indent}", "", text, flags=re.M))
-        for indent, kind, title, text in found
-    ]
+    listed = []
+    for indent, kind, title, text in found:
+        listed.append(Block(kind, title, re.sub(f"^{indent}", "", text, flags=re.M)))
     return [block for block in listed if language in ("", block.language)]
 
 

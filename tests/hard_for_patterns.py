@@ -94,9 +94,10 @@ def _sample(items: Sequence[Any], chance: random.Random) -> str:
 def _letter(code: Any, value: Any, chance: random.Random) -> str:
     if code is codes.ANY:
         return chance.choice("a1 ")
-    members = (
-        [(codes.NEGATE, None), (codes.LITERAL, value)] if code is codes.NOT_LITERAL else list(value)
-    )
+    if code is codes.NOT_LITERAL:
+        members = [(codes.NEGATE, None), (codes.LITERAL, value)]
+    else:
+        members = list(value)
     negated = members[0][0] is codes.NEGATE
     members = members[negated:]
     letters = set(_LETTERS)
@@ -108,11 +109,10 @@ def _letter(code: Any, value: Any, chance: random.Random) -> str:
             if kind is codes.RANGE
             else set()
         )
-    fitting = [
-        letter
-        for letter in sorted(letters)
-        if any(_is(letter, *member) for member in members) is not negated
-    ]
+    fitting = []
+    for letter in sorted(letters):
+        if any(_is(letter, *member) for member in members) is not negated:
+            fitting.append(letter)
     return str(chance.choice(fitting or ["a"]))
 
 

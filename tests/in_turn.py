@@ -76,7 +76,9 @@ class InTurn(LoadScopeScheduling):  # type: ignore[misc]
         kind, (module, _, test) = kind_of(nodeid), nodeid.partition("::")
         if kind is Kind.ATTACK:
             return f"{module}::{'-'.join(test.partition('[')[2].rstrip(']').split('-')[:2])}"
-        return nodeid if kind in (Kind.LIVE_TEST, Kind.FIXTURE) else module
+        if kind in (Kind.LIVE_TEST, Kind.FIXTURE):
+            return nodeid
+        return module
 
     def _assign_work_unit(self, node: WorkerController) -> None:
         """Let the unit be the first that is the worker's turn."""
@@ -86,11 +88,14 @@ class InTurn(LoadScopeScheduling):  # type: ignore[misc]
 
     def _turn(self, node: WorkerController, kind: Kind) -> int:
         if kind is Kind.ATTACK:
-            theirs = [
-                w for n, w in self.assigned_work.items() if n is not node and self._attacks(w)
-            ]
+            theirs = []
+            for n, w in self.assigned_work.items():
+                if n is not node and self._attacks(w):
+                    theirs.append(w)
             return kind if len(theirs) < ATTACKS_AT_A_TIME else Kind.PURE + 1
-        return kind - len(Kind) if self._is_behind(node) and kind >= Kind.LONG else kind
+        if self._is_behind(node) and kind >= Kind.LONG:
+            return kind - len(Kind)
+        return kind
 
     def _attacks(self, work: dict[str, dict[str, bool]]) -> bool:
         return any(
@@ -118,7 +123,9 @@ def worker_behind(workers: int, collection: list[str]) -> str:
     """Return the worker that computes behind live tests, where there are both; else nothing."""
     kinds = {kind_of(nodeid) for nodeid in collection}
     both = min(kinds, default=Kind.PURE) < Kind.CLOCK and max(kinds) >= Kind.LONG
-    return f"gw{workers - 1}" if both and workers >= FEWEST_WORKERS else ""
+    if both and workers >= FEWEST_WORKERS:
+        return f"gw{workers - 1}"
+    return ""
 
 
 def step_behind(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -68,21 +68,22 @@ def _message(store: Any, described: Any, value: Any = None) -> Any:
     """Make a message, or a part of one, of its type as `rosbags` describes it."""
     kind, what = described
     if kind == 1:
-        return (
-            _ZERO.get(what[0] if isinstance(what, tuple) else what, 0) if value is None else value
-        )
+        if value is None:
+            return _ZERO.get(what[0] if isinstance(what, tuple) else what, 0)
+        return value
     if kind == 2:
         fields, given = store.fielddefs[what][1], value or {}
         return store.types[what](
             **{name: _message(store, part, given.get(name)) for name, part in fields}
         )
     element, length = what
-    listed = [
-        _message(store, element, each)
-        for each in (value if value is not None else [None] * length * (kind == 3))
-    ]
+    listed = []
+    for each in value if value is not None else [None] * length * (kind == 3):
+        listed.append(_message(store, element, each))
     primitive = element[1][0] if element[0] == 1 else "string"
-    return listed if primitive in ("string", "wstring") else np.array(listed, dtype=primitive)
+    if primitive in ("string", "wstring"):
+        return listed
+    return np.array(listed, dtype=primitive)
 
 
 class Session:
@@ -120,7 +121,10 @@ class Session:
         channel = self._writer.add_channel(
             topic, FLOATS, type_hash, DEFINITIONS[FLOATS], [RELIABLE]
         )
-        numbers = sequence if sequence is not None else range(1, len(rows) + 1)
+        if sequence is not None:
+            numbers = sequence
+        else:
+            numbers = range(1, len(rows) + 1)
         for row, time_s, number in zip(rows, times_s, numbers, strict=True):
             self._writer.write(
                 channel,
@@ -308,8 +312,15 @@ def judged(
     reference_nodes: Iterable[str] = (),
 ) -> Finding:
     """Let a check judge a session: one of the registry, or one of Lab 09-01's own, "file.py:function"."""
-    recorded = session.recorded() if isinstance(session, Session) else session
-    sessions = {recorded.record.session: recorded} if recorded is not None else {}
+    recorded: Recorded | None
+    if isinstance(session, Session):
+        recorded = session.recorded()
+    else:
+        recorded = session
+    if recorded is not None:
+        sessions = {recorded.record.session: recorded}
+    else:
+        sessions = {}
     context = Context(
         submission=record if record is not None else submission(),
         recorded=recorded,

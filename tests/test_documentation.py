@@ -72,7 +72,10 @@ def options(*command: str) -> set[str]:
 def wrong_options(line: str) -> set[str]:
     """Return the options of a command line with `grade` that do not exist."""
     words = shlex.split(line, comments=True)[1:]
-    command = words[:1] if words[:1] and words[0] in COMMANDS else ["grade"]
+    if words[:1] and words[0] in COMMANDS:
+        command = words[:1]
+    else:
+        command = ["grade"]
     # A command may have commands of its own, which argparse lists.
     if words[1:] and re.search(
         rf"^    {re.escape(words[1])} {{2,}}", said_by(*command), re.MULTILINE
@@ -100,12 +103,11 @@ def test_commands_have_the_options_that_pages_give_them(page: Path) -> None:
 def test_options_in_sentences_are_those_of_some_command(page: Path) -> None:
     """`--rubric` by itself is an option of a command, or known to be another program's."""
     known = OTHERS.union(*(options(command) for command in ("grade", *COMMANDS)))
-    said = {
-        match
-        for text in inline(page)
-        if text.startswith("-")
-        for match in re.findall(r"^--?[a-z][a-z-]*", text)
-    }
+    said = set()
+    for text in inline(page):
+        if text.startswith("-"):
+            for match in re.findall(r"^--?[a-z][a-z-]*", text):
+                said.add(match)
     assert said - known == set()
 
 
@@ -115,11 +117,10 @@ def test_targets_of_make_are_there(page: Path) -> None:
     targets = set(
         re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     )
-    said = {
-        m
-        for text in [*command_lines(page), *inline(page)]
-        for m in re.findall(r"^make ([a-z-]+)", text)
-    }
+    said = set()
+    for text in [*command_lines(page), *inline(page)]:
+        for m in re.findall(r"^make ([a-z-]+)", text):
+            said.add(m)
     assert said - targets == set()
 
 
@@ -128,20 +129,20 @@ def test_files_that_pages_name_are_there(page: Path) -> None:
     """`grader/checks/` is a folder of the repository."""
     pattern = rf"(?:{'|'.join(FOLDERS)})(?:/[\w.-]+)+/?"
     said = {text.rstrip("/") for text in inline(page) if re.fullmatch(pattern, text)}
-    missing = {
-        text for text in said if not (ROOT / text).exists() and not (ROOT / "docs" / text).exists()
-    }
+    missing = set()
+    for text in said:
+        if not (ROOT / text).exists() and not (ROOT / "docs" / text).exists():
+            missing.add(text)
     assert missing == set()
 
 
 def test_every_room_of_the_house_is_in_the_layout() -> None:
     """Each package and module of `grader/`, and each package of its live half."""
     grader, said = ROOT / "grader", set(inline(ROOT / "docs/developers.md"))
-    rooms = {
-        path.name + "/" * path.is_dir()
-        for path in grader.iterdir()
-        if path.suffix == ".py" or path.is_dir()
-    }
+    rooms = set()
+    for path in grader.iterdir():
+        if path.suffix == ".py" or path.is_dir():
+            rooms.add(path.name + "/" * path.is_dir())
     rooms |= {f"live/{path.parent.name}/" for path in grader.glob("live/*/__init__.py")}
     rooms |= {f"{path.parent.name}/" for path in ROOT.glob("*/__init__.py")} - {"grader/"}
     assert {name for name in rooms if not name.startswith("__")} - said == set()

@@ -41,11 +41,17 @@ _LINES = {
 def names_in(part: Any, key: str = "") -> set[str]:
     """Give the names of a part of a rubric: texts behind keys that name something, and joints and frames in them."""
     if isinstance(part, dict):
-        return {name for k, value in part.items() for name in names_in(value, str(k))}
+        found = set()
+        for k, value in part.items():
+            for name in names_in(value, str(k)):
+                found.add(name)
+        return found
     if isinstance(part, list):
         return {name for value in part for name in names_in(value, key)}
     known = isinstance(part, str) and key in _NAMING
-    return {part} if known else set(re.findall(r"\b\w+_(?:joint|link)\b", str(part)))
+    if known:
+        return {part}
+    return set(re.findall(r"\b\w+_(?:joint|link)\b", str(part)))
 
 
 def names_of(rubric: Path) -> set[str]:

@@ -112,9 +112,10 @@ def _passed(call: ast.Call, tree: ast.Module) -> list[ast.expr]:
                 names.index(pattern.id),
                 (n for n in _nodes(tree) if isinstance(n, ast.Call)),
             )
-            inside = [
-                n for n in callers if ast.unparse(n.func) == node.name and len(n.args) > place
-            ]
+            inside = []
+            for n in callers:
+                if ast.unparse(n.func) == node.name and len(n.args) > place:
+                    inside.append(n)
             return [n.args[place] for n in inside]
     return [pattern]
 
@@ -156,13 +157,18 @@ def _how(call: ast.Call, tree: ast.Module, everything: str) -> frozenset[str]:
     """Return the functions that use a pattern; both matching functions if this cannot be told."""
     if (function := _function(call)) != "compile":
         return frozenset({function})
-    named = [
-        ast.unparse(n.targets[0])
-        for n in tree.body
-        if isinstance(n, ast.Assign) and n.value is call
-    ]
-    where = ast.unparse(tree) if named and named[0].startswith("_") else everything
-    found = re.findall(rf"\b{named[0]}\.(\w+)\b", where) if named else []
+    named = []
+    for n in tree.body:
+        if isinstance(n, ast.Assign) and n.value is call:
+            named.append(ast.unparse(n.targets[0]))
+    if named and named[0].startswith("_"):
+        where = ast.unparse(tree)
+    else:
+        where = everything
+    if named:
+        found = re.findall(rf"\b{named[0]}\.(\w+)\b", where)
+    else:
+        found = []
     return frozenset(FUNCTIONS.keys() & found) or frozenset({"match", "fullmatch"})
 
 

@@ -17,11 +17,11 @@ PARTS = ("recordings", "report.html", "result.json")
 
 def contents(folder: Path) -> dict[str, str]:
     """Give the texts of all files below a folder."""
-    return {
-        str(p.relative_to(folder)): p.read_text(encoding="utf-8")
-        for p in folder.rglob("*")
-        if p.is_file()
-    }
+    found = {}
+    for p in folder.rglob("*"):
+        if p.is_file():
+            found[str(p.relative_to(folder))] = p.read_text(encoding="utf-8")
+    return found
 
 
 def make(folder: Path, text: str) -> None:

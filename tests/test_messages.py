@@ -90,10 +90,9 @@ def test_no_name_has_a_word_of_our_own() -> None:
     """Names defined in the grader use the terms of the glossary."""
     wrong = []
     for path in modules():
-        names = {
-            "".join(match.groups(""))
-            for match in _DEFINED.finditer(path.read_text(encoding="utf-8"))
-        }
+        names = set()
+        for match in _DEFINED.finditer(path.read_text(encoding="utf-8")):
+            names.add("".join(match.groups("")))
         for name in names:
             parts = set(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
             wrong += [

@@ -50,10 +50,10 @@ def results(tmp_path: Path) -> Path:
 
 def written(results: Path) -> dict[str, bytes]:
     """Give the files that judging writes."""
-    return {
-        name: (results / name).read_bytes()
-        for name in (result_folder.RESULT_FILE, result_folder.REPORT_FILE)
-    }
+    found = {}
+    for name in (result_folder.RESULT_FILE, result_folder.REPORT_FILE):
+        found[name] = (results / name).read_bytes()
+    return found
 
 
 def test_regrading_twice_gives_equal_bytes(results: Path) -> None:

@@ -37,11 +37,9 @@ expect.set_options(timeout=30_000)
 
 def chromium() -> str:
     """Give Chromium's path. Where it could have been installed, a test without it fails; elsewhere it is skipped."""
-    found = (
-        shutil.which("chromium")
-        or shutil.which("chromium-browser")
-        or shutil.which("google-chrome")
-    )
+    found = None
+    for name in ("google-chrome", "chromium-browser", "chromium"):
+        found = shutil.which(name) or found
     if found is None:
         missing = "there is no Chromium; `tools/install-system-packages dev` installs it (as root, on Debian)"
         if os.geteuid() == 0 or os.environ.get("CI"):
@@ -77,11 +75,13 @@ class Visit:
         found: dict[str, Any] = self.page.evaluate(
             "axe.run({resultTypes: ['violations'], preload: false})"
         )
-        return [
-            f"{v['id']}: {v['help']}: {v['nodes'][0]['target']} {v['nodes'][0]['failureSummary']}"
-            for v in found["violations"]
-            if v["impact"] in GRAVE
-        ]
+        made = []
+        for v in found["violations"]:
+            if v["impact"] in GRAVE:
+                made.append(
+                    f"{v['id']}: {v['help']}: {v['nodes'][0]['target']} {v['nodes'][0]['failureSummary']}"
+                )
+        return made
 
 
 @contextmanager

@@ -69,9 +69,10 @@ def page(desk: Page, file: Path) -> Page:
 
 def names(page: Page) -> list[str]:
     """Give the names of the students that the table shows, in its order."""
-    return [
-        text.strip() for text in page.locator("#class-table .student:visible").all_text_contents()
-    ]
+    found = []
+    for text in page.locator("#class-table .student:visible").all_text_contents():
+        found.append(text.strip())
+    return found
 
 
 def heading(page: Page, name: str) -> Locator:
@@ -117,7 +118,10 @@ def test_a_criterion_sorts_by_its_points(page: Page, summary: ClassSummary) -> N
     heading(page, "QoS").get_by_role("button").click()
     place = [column.id for column in summary.columns].index("qos")
     cells = {row.entry.name: row.cells[place] for row in summary.rows}
-    shown = [cell.earned for cell in (cells[name] for name in names(page)) if cell is not None]
+    shown = []
+    for cell in (cells[name] for name in names(page)):
+        if cell is not None:
+            shown.append(cell.earned)
     assert shown == sorted(shown, reverse=True)
     assert len(set(shown)) > 3
 
@@ -168,14 +172,15 @@ def test_a_check_and_lost_points_filter(page: Page, summary: ClassSummary) -> No
     )
     page.get_by_label("Outcome").select_option("points lost")
     lost = (Outcome.PARTIAL, Outcome.FAILED, Outcome.NOT_REACHED)
-    refuses = [
-        (
-            row.entry.name,
-            next((c.outcome for c in row.result.checks if c.id == "service.refuses"), None),
-        )
-        for row in summary.rows
-        if row.result is not None
-    ]
+    refuses = []
+    for row in summary.rows:
+        if row.result is not None:
+            refuses.append(
+                (
+                    row.entry.name,
+                    next((c.outcome for c in row.result.checks if c.id == "service.refuses"), None),
+                )
+            )
     wanted = [name for name, outcome in refuses if outcome in lost]
     assert {Outcome.PARTIAL, Outcome.NOT_REACHED} <= {outcome for _, outcome in refuses}
     assert names(page) == wanted
@@ -256,9 +261,9 @@ def test_the_last_row_holds_the_means_of_those_shown(page: Page) -> None:
     """The means of the columns add up to the mean of the points, of all students and of any part."""
     for typed in ("a", "o"):
         page.get_by_label("Name").fill(typed)
-        cells = [
-            text.strip() for text in page.locator("#class-table tfoot tr > *").all_text_contents()
-        ]
+        cells = []
+        for text in page.locator("#class-table tfoot tr > *").all_text_contents():
+            cells.append(text.strip())
         total, *columns = [Decimal(text.replace("–", "0")) for text in cells[1:] if text]
         graded = page.locator("#class-table tbody tr:visible td.total[data-value]").count()
         assert cells[0] == f"Mean of {graded}"
@@ -373,10 +378,9 @@ def test_a_hostile_class_does_nothing(
     """Names that are markup are shown as they are, and run nothing."""
     evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
     file = tmp_path / "index.html"
-    hostile = [
-        ClassEntry(f"{evil}{n}", entry.result, evil, "x/report.html")
-        for n, entry in enumerate(entries[:3])
-    ]
+    hostile = []
+    for n, entry in enumerate(entries[:3]):
+        hostile.append(ClassEntry(f"{evil}{n}", entry.result, evil, "x/report.html"))
     file.write_text(
         render(summarise([*hostile, ClassEntry(evil, None, evil)], read_rubric(None))),
         encoding="utf-8",

@@ -48,9 +48,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     add_alike(folder, [f"open{n:02d}" for n in range(OPEN)], "solution", without="service")
     add_alike(folder, [f"appeal{n:02d}" for n in range(APPEALS)], "signed_mean_statistics")
     add_alike(folder, [f"fine{n:02d}" for n in range(40 - OPEN - APPEALS)], "solution")
-    appeals = [
-        appeal_of(f"appeal{n:02d}", "I think that my mean is right.") for n in range(APPEALS)
-    ]
+    appeals = []
+    for n in range(APPEALS):
+        appeals.append(appeal_of(f"appeal{n:02d}", "I think that my mean is right."))
     (folder / "overrides.yaml").write_text(
         "# appeals by mail\n" + yaml.safe_dump({"overrides": appeals})
     )
@@ -289,7 +289,9 @@ def poisoned(value: Any, key: str = "") -> Any:
         return {k: poisoned(v, key if key == "texts" else k) for k, v in value.items()}
     if isinstance(value, list):
         return [poisoned(each, key) for each in value]
-    return value + HOSTILE if isinstance(value, str) and key in _STUDENTS else value
+    if isinstance(value, str) and key in _STUDENTS:
+        return value + HOSTILE
+    return value
 
 
 # -- decisions by keys -----------------------------------------------------------------------------

@@ -90,7 +90,11 @@ def test_the_still_is_what_the_script_draws(chromium: Browser, report: Path) -> 
 def numbers(points: str) -> list[float]:
     """Give the places of a line's points from left to right, as a way may begin at either end."""
     places = sorted(tuple(float(part) for part in point.split(",")) for point in points.split())
-    return [number for place in places for number in place]
+    found = []
+    for place in places:
+        for number in place:
+            found.append(number)
+    return found
 
 
 def test_keys_scrub_and_step(chromium: Browser, report: Path) -> None:

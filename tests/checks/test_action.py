@@ -304,10 +304,9 @@ def test_a_number_that_falls_once_does_not_rise(tmp_path: Path) -> None:
         ).credit
         < 1
     )
-    feedback = [
-        {"t_ns": at(1.0 + n), "values": {"share": share}}
-        for n, share in enumerate((0.1, 0.5, 0.4, 1.0))
-    ]
+    feedback = []
+    for n, share in enumerate((0.1, 0.5, 0.4, 1.0)):
+        feedback.append({"t_ns": at(1.0 + n), "values": {"share": share}})
     found = finding(
         tmp_path,
         "feedback",

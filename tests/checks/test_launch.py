@@ -787,10 +787,11 @@ def test_any_field_may_follow_another(tmp_path: Path, gain: float, credit: int) 
     """
     times = evenly(50, 3.0)
     speeds = [{"linear": {"x": 0.5 * math.sin(t), "y": 0.2}} for t in times]
-    moved = [
-        {"twist": {"twist": {"linear": {k: gain * v for k, v in s["linear"].items()}}}}
-        for s in speeds
-    ]
+    moved = []
+    for s in speeds:
+        moved.append(
+            {"twist": {"twist": {"linear": {k: gain * v for k, v in s["linear"].items()}}}}
+        )
     session = Session(tmp_path).typed("/cmd_vel", "geometry_msgs/msg/Twist", speeds, times)
     session.typed("/odom", "nav_msgs/msg/Odometry", moved, times)
     follows = {
@@ -881,9 +882,10 @@ def test_a_rate_that_the_launch_file_gives_the_node_is_kept(
 ) -> None:
     """Which rate the launch file gives is charged with its arguments and parameters, and not as a slow node again."""
     commands = {**TOGETHER["commands"], "rate_step": "read", "rate_parameter": "publish_rate"}
-    values = (
-        {} if publish_rate is None else {"publish_rate": {"type": "double", "value": publish_rate}}
-    )
+    if publish_rate is None:
+        values = {}
+    else:
+        values = {"publish_rate": {"type": "double", "value": publish_rate}}
     session = together(tmp_path, rate_hz=40).step("get_parameters", "read", values=values)
     wanted = {**TOGETHER, "commands": commands}
     finding = judged("launch_together", wanted, session, others={"alone": alone(tmp_path)})
@@ -972,17 +974,19 @@ def test_the_same_end_as_alone_is_charged_once(
 ) -> None:
     """A node that ends of the same line as in its own session costs nothing more, if a check there charged it."""
     alone = Session(tmp_path, "alone")
-    lines = [CRASHED[0], CRASHED[1].replace("9", str(alone_line)), CRASHED[2]] if alone_line else []
+    if alone_line:
+        lines = [CRASHED[0], CRASHED[1].replace("9", str(alone_line)), CRASHED[2]]
+    else:
+        lines = []
     alone.process("it", lines, **(FELL if alone_line else {}))
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     session.process("talk-1", CRASHED, artifact=None, **FELL)
-    rate = (
-        failed(
+    if charged:
+        rate = failed(
             "", "", "", where=[Location(file="it.py", line=alone_line), Location(session="alone")]
         )
-        if charged
-        else passed("", "")
-    )
+    else:
+        rate = passed("", "")
     findings = {"talk.rate": rate, "talk.publishes": passed("", "")}
     finding = judged(
         "launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()}
@@ -1020,11 +1024,9 @@ def in_one_process(folder: Path, ends: bool = False) -> Session:
         planned(together(folder), processes=[entry("arm", None)]).node("/talker").node("/listener")
     )
     session.record.plan = session.record.steps[-1].result["plan"]
-    return (
-        session.process("arm-1", CRASHED, artifact=None, **FELL)
-        if ends
-        else session.process("arm-1")
-    )
+    if ends:
+        return session.process("arm-1", CRASHED, artifact=None, **FELL)
+    return session.process("arm-1")
 
 
 def test_parameters_of_a_process_reach_all_its_nodes(tmp_path: Path) -> None:

@@ -366,9 +366,10 @@ def test_types_of_its_parameters_are_given_under_their_names() -> None:
 
     Recordings do not keep a file beside the rubric, and could not be judged again.
     """
-    named = {
-        name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")
-    }
+    named = set()
+    for name in vars(references):
+        if hasattr(own_checks, name) and not name.startswith("_"):
+            named.add(name)
     assert named == {*LAB_TYPES, *LAB_MARKERS}
     assert "FileBeside" not in LAB_TYPES
 

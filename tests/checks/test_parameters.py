@@ -33,7 +33,11 @@ def rates(
 ) -> Session:
     """Record a topic at three rates."""
     spans = {1.0: before_hz, 5.0: after_hz, 9.0: restarted_hz}
-    times = [t for start_s, hz in spans.items() if hz for t in evenly(hz, 3.0, start_s)]
+    times = []
+    for start_s, hz in spans.items():
+        if hz:
+            for t in evenly(hz, 3.0, start_s):
+                times.append(t)
     return session.messages("/chatter", [[1.0]] * len(times), times)
 
 
@@ -142,7 +146,10 @@ def test_a_field_follows_its_parameter(
 )
 def test_a_text_follows_its_parameter(tmp_path: Path, greeting: str, outcome: Outcome) -> None:
     """The most frequent one counts."""
-    times = [t for s in (1.0, 5.0) for t in evenly(10, 3.0, s)]
+    times = []
+    for s in (1.0, 5.0):
+        for t in evenly(10, 3.0, s):
+            times.append(t)
     session = windows(tmp_path).texts("/chatter", ["hello"] * 33 + [greeting] * 29, times)
     text = {**RATE, "text": "data", "old": "hello", "new": "ahoi"}
     assert judged("parameter_effect", text, session).outcome is outcome
@@ -198,7 +205,10 @@ def refusing(
 ) -> Session:
     """Record that invalid values were set."""
     values = {"rate": -1.0, "mode": "fly"}
-    held = before if before is not None else {"rate": 10.0, "mode": "drive"}
+    if before is not None:
+        held = before
+    else:
+        held = {"rate": 10.0, "mode": "drive"}
     return (
         Session(folder)
         .process("it")

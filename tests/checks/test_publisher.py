@@ -286,7 +286,10 @@ def test_a_timer_that_gives_the_rate_is_named(
 @pytest.mark.parametrize("shift_s", [0.0, 0.013, 0.049, 0.087])
 def test_bursts_have_the_rate_of_all_their_messages(tmp_path: Path, shift_s: float) -> None:
     """Ten messages every 0.1 s are 100 Hz, wherever in a burst the window begins and ends."""
-    times = [1.0 + 0.1 * burst + 0.0001 * n for burst in range(60) for n in range(10)]
+    times = []
+    for burst in range(60):
+        for n in range(10):
+            times.append(1.0 + 0.1 * burst + 0.0001 * n)
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
     session.messages(TOPIC, [[0.0] * 7] * len(times), times).window(1.0 + shift_s, 6.9 + shift_s)
     assert judged("topic_rate", RATE, session).outcome is Outcome.PASSED

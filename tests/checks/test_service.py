@@ -48,7 +48,10 @@ def called(
 ) -> Session:
     """Add a step that called the service."""
     parameters = {"service": NAME, "request": {"data": data}, "repeat": wanted or len(calls)}
-    outcome = "done" if all(c["response"] is not None for c in calls) else "timeout"
+    if all(c["response"] is not None for c in calls):
+        outcome = "done"
+    else:
+        outcome = "timeout"
     return session.step(
         "call", label, outcome, calls=list(calls), service=NAME, parameters=parameters, **result
     )

@@ -17,7 +17,9 @@ def spoken(folder: Path, *times_s: float) -> Session:
     """Make a session with publications at some times, a step from 1 to 2 s and a goal at 3 s."""
     session = Session(folder).process().step("publish", "go")
     session.typed("/goal", FLOAT, [{"data": n} for n in range(5)], [3.0 + n for n in range(5)])
-    return session.typed("/out", FLOAT, [{}] * len(times_s), times_s) if times_s else session
+    if times_s:
+        return session.typed("/out", FLOAT, [{}] * len(times_s), times_s)
+    return session
 
 
 UNTIL: dict[str, dict[str, Any]] = {

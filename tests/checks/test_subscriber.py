@@ -239,10 +239,11 @@ def listening(folder: Path, *snapshots: tuple[float, tuple[str, ...]]) -> Sessio
     )
     session.record.graph.clear()
     for time_s, gids in snapshots:
-        there = [
-            Endpoint("subscription", STATE, FLOATS, "", "/student", gid * 32, RELIABLE)
-            for gid in gids
-        ]
+        there = []
+        for gid in gids:
+            there.append(
+                Endpoint("subscription", STATE, FLOATS, "", "/student", gid * 32, RELIABLE)
+            )
         session.record.graph.append(GraphSnapshot(at(time_s), ["/student"] if there else [], there))
     session.step("publish", "early", parameters={"topic": STATE, "type": FLOATS}, matched=True)
     return session.step("start", "stimulus")

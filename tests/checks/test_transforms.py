@@ -375,10 +375,9 @@ def test_simulated_time_is_that_of_the_clock(tmp_path: Path) -> None:
 
     def made(name: str, shift_s: float) -> Session:
         recorded = session(tmp_path / name, [(t, stamped(2 * t + shift_s)) for t in TIMES])
-        clock = [
-            {"clock": {"sec": int(2 * t), "nanosec": round(2 * t % 1 * 1e9)}}
-            for t in evenly(100, 4.0, 0.5)
-        ]
+        clock = []
+        for t in evenly(100, 4.0, 0.5):
+            clock.append({"clock": {"sec": int(2 * t), "nanosec": round(2 * t % 1 * 1e9)}})
         return recorded.typed("/clock", "rosgraph_msgs/msg/Clock", clock, evenly(100, 4.0, 0.5))
 
     assert only("stamps", made("right", 0.0), simulated=True).outcome is Outcome.PASSED
@@ -535,10 +534,11 @@ def test_an_oracle_says_where_a_frame_is_at_each_time(
 
     The oracle's pose with other parameters names a mistake.
     """
-    sent = [
-        (t, transform("odom", "base", t, (0.5 * t * factor, 0, 0), yawed(0.2 * t * factor)))
-        for t in TIMES
-    ]
+    sent = []
+    for t in TIMES:
+        sent.append(
+            (t, transform("odom", "base", t, (0.5 * t * factor, 0, 0), yawed(0.2 * t * factor)))
+        )
     finding = only("poses", session(tmp_path, sent), poses=[{**ORACLE, "alternatives": [SLIP]}])
     assert finding.credit == Decimal(credit)
     assert ("twice as fast" in finding.reason) == (factor == 2.0)
@@ -583,10 +583,11 @@ def test_at_given_times_a_pose_is_interpolated(tmp_path: Path) -> None:
 
 def test_poses_that_the_machine_delayed_are_undecided(tmp_path: Path) -> None:
     """A pose that was computed for another time than it is stamped with is wrong, unless the machine was late."""
-    sent = [
-        (t, base(t) if abs(t - 2.5) > 0.3 else {**base(t - 0.2), "header": base(t)["header"]})
-        for t in TIMES
-    ]
+    sent = []
+    for t in TIMES:
+        sent.append(
+            (t, base(t) if abs(t - 2.5) > 0.3 else {**base(t - 0.2), "header": base(t)["header"]})
+        )
     assert only("poses", session(tmp_path, sent), poses=[ORACLE]).outcome is Outcome.PARTIAL
     made = session(tmp_path / "delayed", sent).disturbed(
         "it", *((2.2 + n / 10, 0.05) for n in range(7))

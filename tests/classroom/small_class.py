@@ -113,16 +113,19 @@ class SmallClass:
     def files_of(self, name: str) -> dict[str, bytes]:
         """Return all files of a submission's results."""
         folder = self.results / name
-        return {
-            str(p.relative_to(folder)): p.read_bytes()
-            for p in sorted(folder.rglob("*"))
-            if p.is_file()
-        }
+        found = {}
+        for p in sorted(folder.rglob("*")):
+            if p.is_file():
+                found[str(p.relative_to(folder))] = p.read_bytes()
+        return found
 
     def graded(self) -> list[str]:
         """Return the graded submissions in the order of the journal."""
         path = self.results / JOURNAL_FILE
-        lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
+        if path.exists():
+            lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+        else:
+            lines = []
         return [line["graded"] for line in map(json.loads, lines) if "graded" in line]
 
     def recording(self) -> list[str]:

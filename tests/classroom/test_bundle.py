@@ -14,11 +14,11 @@ from grader.classroom.fingerprint import files_below
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Return all files below a folder."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
+    found = {}
+    for path in folder.rglob("*"):
+        if path.is_file():
+            found[path.relative_to(folder).as_posix()] = path.read_bytes()
+    return found
 
 
 def test_a_folder_there_and_back(tmp_path: Path) -> None:

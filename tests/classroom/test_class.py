@@ -62,9 +62,9 @@ def half_done(small: SmallClass, pid: int) -> Family:
 
     def seen() -> bool:
         family.look()
-        return bool(small.graded() and small.recording()) and any(
-            "/ws/install" in c for c in family.left()
-        )
+        if not bool(small.graded() and small.recording()):
+            return False
+        return any("/ws/install" in c for c in family.left())
 
     until(seen, 120)
     return family
@@ -148,10 +148,9 @@ def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
     )
     require_grades(moodle)
     users = [User("11", "", "0012"), User("12", "", "0013")]
-    reports = {
-        user: {"report.html": (small.results / name / "report.html").read_bytes()}
-        for user, name in zip(("11", "12"), before, strict=True)
-    }
+    reports = {}
+    for user, name in zip(("11", "12"), before, strict=True):
+        reports[user] = {"report.html": (small.results / name / "report.html").read_bytes()}
     assert moodle_feedback(feedback, users) == reports
     assert b"am@uni.example" in mails
     assert "no address is known that mail can be sent to: Bob_O_Brien_12" in done.stderr
@@ -258,9 +257,9 @@ def leave_open(small: SmallClass, name: str) -> None:
     judge_results(folder, rubric)
     assert small.result(name)["score"]["undecided"] == 1
     with Journal.open(small.results) as journal:
-        found = [
-            json.loads(line) for line in (small.results / JOURNAL_FILE).read_text().splitlines()
-        ]
+        found = []
+        for line in (small.results / JOURNAL_FILE).read_text().splitlines():
+            found.append(json.loads(line))
         entry = next(line for line in found if line.get("graded") == name)
         journal.note(name, entry["key"], entry["policy"], entry["isolation"])
 

@@ -102,15 +102,16 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     with ExitStack() as stack:
         started = stack.enter_context(running([*dask, *scheduler], folder))
         until(lambda: is_whole(file), 60)
-        workers = [
-            stack.enter_context(
-                running(
-                    [*dask, *worker, "--name", name, "--local-directory", str(folder / name)],
-                    folder,
+        workers = []
+        for name in ("one", "other"):
+            workers.append(
+                stack.enter_context(
+                    running(
+                        [*dask, *worker, "--name", name, "--local-directory", str(folder / name)],
+                        folder,
+                    )
                 )
             )
-            for name in ("one", "other")
-        ]
         yield Cluster(file, started, workers)
 
 

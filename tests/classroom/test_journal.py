@@ -120,10 +120,9 @@ def test_what_could_not_be_graded_is_tried_again(tmp_path: Path) -> None:
     assert held(tmp_path, "ann") == []
     assert not (tmp_path / "ann").exists()
     assert (tmp_path / OUTDATED / "ann" / RESULT_FILE).is_file()
-    lines = [
-        json.loads(line)
-        for line in (tmp_path / JOURNAL_FILE).read_text(encoding="utf-8").splitlines()
-    ]
+    lines = []
+    for line in (tmp_path / JOURNAL_FILE).read_text(encoding="utf-8").splitlines():
+        lines.append(json.loads(line))
     assert lines[-1]["not graded"] == "ann"
     assert lines[-1]["problem"] == "the disk is full"
 

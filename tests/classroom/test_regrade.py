@@ -76,17 +76,19 @@ def rejudge(results: Path, rubric: Path | None, overrides: Path | None, **how: A
 
 def files(results: Path) -> dict[str, bytes]:
     """Give all files of a class by their paths."""
-    return {
-        str(p.relative_to(results)): p.read_bytes()
-        for p in sorted(results.rglob("*"))
-        if p.is_file()
-    }
+    found = {}
+    for p in sorted(results.rglob("*")):
+        if p.is_file():
+            found[str(p.relative_to(results))] = p.read_bytes()
+    return found
 
 
 def trail(results: Path) -> list[dict[str, Any]]:
     """Give the lines of the trail."""
     path = results / AUDIT_FILE
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    if path.exists():
+        return [json.loads(line) for line in path.read_text().splitlines()]
+    return []
 
 
 def test_several_calls_share_a_rubric(results: Path) -> None:
@@ -302,10 +304,9 @@ def test_lateness_by_the_recorded_time(tmp_path: Path) -> None:
     add(results, "bob", "wrong_topic", submitted_at="2026-11-22T00:00:00+01:00")
     add(results, "carol", "wrong_topic")
     rejudge(results, rubric, None, pages=True).apply()
-    found = {
-        name: json.loads((results / name / result_folder.RESULT_FILE).read_text())
-        for name in ("alice", "bob", "carol")
-    }
+    found = {}
+    for name in ("alice", "bob", "carol"):
+        found[name] = json.loads((results / name / result_folder.RESULT_FILE).read_text())
     earned = found["alice"]["score"]["earned"]
     assert {name: plain["score"]["final"] for name, plain in found.items()} == {
         "alice": earned,

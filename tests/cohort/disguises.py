@@ -25,9 +25,9 @@ def _each(change: Callable[[ast.Module], ast.AST]) -> Disguise:
     """Return the disguise that changes the syntax tree of each file."""
 
     def disguise(files: Files) -> Files:
-        trees = {
-            path: ast.fix_missing_locations(change(ast.parse(text))) for path, text in files.items()
-        }
+        trees = {}
+        for path, text in files.items():
+            trees[path] = ast.fix_missing_locations(change(ast.parse(text)))
         return {path: ast.unparse(tree) + "\n" for path, tree in trees.items()}
 
     return disguise
@@ -51,12 +51,16 @@ def _in_bodies(change: Callable[[list[ast.stmt]], list[ast.stmt]]) -> Disguise:
 
 
 def _is_docstring(statement: ast.stmt) -> bool:
-    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+    if not isinstance(statement, ast.Expr):
+        return False
+    return isinstance(statement.value, ast.Constant)
 
 
 def _simple(statement: ast.stmt) -> bool:
     kinds = (ast.Assign, ast.AugAssign, ast.Expr, ast.AnnAssign)
-    return isinstance(statement, kinds) and not _is_docstring(statement)
+    if not isinstance(statement, kinds):
+        return False
+    return not _is_docstring(statement)
 
 
 def _statement(text: str) -> ast.stmt:
@@ -121,9 +125,10 @@ class _Numbers(ast.NodeTransformer):
 
 def _own_names(tree: ast.AST) -> dict[str, str]:
     """Return another name for each that the program itself binds."""
-    bound = [
-        n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-    ]
+    bound = []
+    for n in ast.walk(tree):
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
+            bound.append(n.id)
     bound += [n.arg for n in ast.walk(tree) if isinstance(n, ast.arg) and n.arg != "self"]
     own = [n for n in dict.fromkeys(bound) if not hasattr(builtins, n) and not keyword.iskeyword(n)]
     return {name: f"{'abcdefghij'[k % 10]}{k}_wert" for k, name in enumerate(own)}
@@ -189,13 +194,14 @@ def _annotated(tree: ast.Module) -> ast.AST:
 def _imports_changed(tree: ast.Module) -> ast.AST:
     """Turn the imports round, one line each, between others that nothing uses."""
     imports = [s for s in tree.body if isinstance(s, (ast.Import, ast.ImportFrom))]
-    single = [
-        ast.ImportFrom(s.module, [name], s.level)
-        if isinstance(s, ast.ImportFrom)
-        else ast.Import([name])
-        for s in imports
-        for name in s.names
-    ]
+    single = []
+    for s in imports:
+        for name in s.names:
+            single.append(
+                ast.ImportFrom(s.module, [name], s.level)
+                if isinstance(s, ast.ImportFrom)
+                else ast.Import([name])
+            )
     extra = [
         _statement(f"import {name}")
         for name in ("os", "sys", "json", "random", "typing", "itertools")
@@ -301,11 +307,11 @@ def _dead_functions(body: list[ast.stmt]) -> list[ast.stmt]:
 
 def _outlined(body: list[ast.stmt]) -> list[ast.stmt]:
     """Put the second half of each longer body into a function that is called there."""
-    if (
-        len(body) < 4
-        or not any(map(_simple, body))
-        or any(isinstance(s, ast.ClassDef) for s in body)
-    ):
+    if len(body) < 4:
+        return body
+    if not any(map(_simple, body)):
+        return body
+    if any(isinstance(s, ast.ClassDef) for s in body):
         return body
     if any(
         isinstance(s, (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef))
@@ -323,20 +329,24 @@ class _Inlined(ast.NodeTransformer):
     """Replaces the calls of a function without parameters by its statements, and removes it."""
 
     def __init__(self, tree: ast.AST) -> None:
-        calls = [
-            n.value.func
-            for n in ast.walk(tree)
-            if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call)
-        ]
+        calls = []
+        for n in ast.walk(tree):
+            if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call):
+                calls.append(n.value.func)
         called = [getattr(f, "attr", getattr(f, "id", "")) for f in calls]
         kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
         own = {n.name: n for n in ast.walk(tree) if isinstance(n, kinds)}
         self.own = {name: own[name] for name in called if name in own and called.count(name) == 1}
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | list[ast.stmt]:
-        function = node.value.func if isinstance(node.value, ast.Call) else None
+        if isinstance(node.value, ast.Call):
+            function = node.value.func
+        else:
+            function = None
         target = self.own.get(getattr(function, "attr", getattr(function, "id", "")))
-        return [copy.deepcopy(s) for s in target.body if not _is_docstring(s)] if target else node
+        if target:
+            return [copy.deepcopy(s) for s in target.body if not _is_docstring(s)]
+        return node
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST | None:
         self.generic_visit(node)
@@ -414,7 +424,10 @@ def _with_temporaries(body: list[ast.stmt]) -> list[ast.stmt]:
     """Compute the arguments of each call before it, in variables of their own."""
     found: list[ast.stmt] = []
     for statement in body:
-        value = statement.value if isinstance(statement, (ast.Assign, ast.Expr)) else None
+        if isinstance(statement, (ast.Assign, ast.Expr)):
+            value = statement.value
+        else:
+            value = None
         for n, argument in enumerate(value.args if isinstance(value, ast.Call) else ()):
             if isinstance(argument, (ast.Call, ast.BinOp, ast.List, ast.Attribute, ast.JoinedStr)):
                 found.append(ast.Assign([ast.Name(f"tmp{n}", ast.Store())], argument))

@@ -45,15 +45,14 @@ def plain_check(
     spec: CheckSpec, credit: float | None, reason: str = "", outcome: str = ""
 ) -> dict[str, Any]:
     """Give a check as it stands in result.json; a credit of None leaves it undecided."""
-    worked_out = (
-        "inconclusive"
-        if credit is None
-        else "passed"
-        if credit == 1
-        else "partial"
-        if credit
-        else "failed"
-    )
+    if credit is None:
+        worked_out = "inconclusive"
+    elif credit == 1:
+        worked_out = "passed"
+    elif credit:
+        worked_out = "partial"
+    else:
+        worked_out = "failed"
     return {
         "id": spec.id,
         "title": spec.title,
@@ -73,15 +72,16 @@ def result_of(
     given = dict(zip((spec.id for spec in rubric.checks()), credits, strict=True))
     criteria = []
     for criterion in rubric.criteria:
-        checks = [
-            plain_check(spec, given[spec.id], (reasons or {}).get(spec.id, ""))
-            for spec in criterion.checks
-        ]
+        checks = []
+        for spec in criterion.checks:
+            checks.append(plain_check(spec, given[spec.id], (reasons or {}).get(spec.id, "")))
         sums = {
             key: sum(check[key] for check in checks) for key in ("earned", "possible", "undecided")
         }
         criteria.append({"id": criterion.id, "title": criterion.title, "checks": checks, **sums})
-    score = {key: sum(c[key] for c in criteria) for key in ("earned", "possible", "undecided")}
+    score = {}
+    for key in ("earned", "possible", "undecided"):
+        score[key] = sum(c[key] for c in criteria)
     return {
         "schema": RESULT_SCHEMA,
         "submission": "a",

@@ -148,9 +148,10 @@ def test_nobody_gets_the_result_of_another_whose_name_is_written_alike() -> None
     """Marks of vowels tell names apart, and names that differ by a stroke are taken as they are written, or not."""
     there = [ClassEntry(name, None) for name in ("ann_lee", "ann-lee", "काव", "bo_xu", "bo-xu")]
     listed = [Student("कीव", "1"), Student("Ann-Lee", "2"), Student("Bo Xu", "3")]
-    found = {
-        entry.name: entry.student_id for entry in with_roster(there, listed) if entry.student_id
-    }
+    found = {}
+    for entry in with_roster(there, listed):
+        if entry.student_id:
+            found[entry.name] = entry.student_id
     assert found == {"कीव": "1", "ann-lee": "2", "Bo Xu": "3"}
 
 

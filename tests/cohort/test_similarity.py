@@ -39,10 +39,10 @@ def program(name: str, texts: Files, files: list[FileFact] | None = None) -> Pro
 
 def files_of(folder: Path) -> Files:
     """Give the Python files of a folder."""
-    return {
-        str(path.relative_to(folder)): path.read_text(errors="replace")
-        for path in sorted(folder.rglob("*.py"))
-    }
+    found = {}
+    for path in sorted(folder.rglob("*.py")):
+        found[str(path.relative_to(folder))] = path.read_text(errors="replace")
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +55,10 @@ def common() -> list[Files]:
 def class_of_fixtures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Files]:
     """Give the Python files of all fixtures but for the extensions, which are copies of a few files by intent."""
     target = tmp_path_factory.mktemp("class")
-    fixtures = [
-        fixture
-        for fixture in fixtures_in(ROOT / "fixtures")
-        if not fixture.name.startswith(("extension", "fresh"))
-    ]
+    fixtures = []
+    for fixture in fixtures_in(ROOT / "fixtures"):
+        if not fixture.name.startswith(("extension", "fresh")):
+            fixtures.append(fixture)
     return {fixture.name: files_of(fixture.lay_out(target)) for fixture in fixtures}
 
 
@@ -89,11 +88,10 @@ def test_disguised_copy_is_found(
 ) -> None:
     """After each of 22 disguises, two thirds of a copy's own or copied code are still recognized."""
     copied = program("copy", DISGUISES[disguise](class_of_fixtures[name]))
-    found = [
-        pair
-        for pair in pairs_of([programs[name], copied], given)
-        if set(pair.names) == {name, "copy"}
-    ]
+    found = []
+    for pair in pairs_of([programs[name], copied], given):
+        if set(pair.names) == {name, "copy"}:
+            found.append(pair)
     assert len(found) == 1
     assert max(found[0].shares) >= 0.66
 
@@ -110,21 +108,22 @@ def test_copies_in_a_class_are_those_that_are_shown(
     held = Counter(chain.from_iterable(lines.values()))
     usual = {line for line, number in held.items() if number > len(lines) / 10}
     own = {name: found - usual - set().union(*map(_lines, common)) for name, found in lines.items()}
-    alike = {
-        frozenset((a, b)) for a, b in combinations(own, 2) if len(own[a] & own[b]) >= WRITTEN_ONCE
-    }
+    alike = set()
+    for a, b in combinations(own, 2):
+        if len(own[a] & own[b]) >= WRITTEN_ONCE:
+            alike.add(frozenset((a, b)))
     assert len(pairs & alike) >= 0.9 * len(alike)
     assert len(pairs & alike) >= 0.9 * len(pairs)
 
 
 def _lines(texts: Files) -> set[str]:
     """Give the lines that are long enough not to be alike by chance."""
-    return {
-        line.strip()
-        for text in texts.values()
-        for line in text.splitlines()
-        if len(line.strip()) > 12
-    }
+    found = set()
+    for text in texts.values():
+        for line in text.splitlines():
+            if len(line.strip()) > 12:
+                found.add(line.strip())
+    return found
 
 
 # -- counted code ------------------------------------------------------------------------------
@@ -132,12 +131,13 @@ def _lines(texts: Files) -> set[str]:
 
 def _own(number: int) -> str:
     """Give a function of an own structure, of some 70 nodes."""
-    steps = [
-        f"    if x > {k}:\n        y = [x, {k}] if y else g(x, {k})"
-        if number >> k & 1
-        else f"    for k in h({k}):\n        y += k * x"
-        for k in range(8)
-    ]
+    steps = []
+    for k in range(8):
+        steps.append(
+            f"    if x > {k}:\n        y = [x, {k}] if y else g(x, {k})"
+            if number >> k & 1
+            else f"    for k in h({k}):\n        y += k * x"
+        )
     return "def f(x, y):\n" + "\n".join(steps) + "\n    return y\n"
 
 
@@ -246,10 +246,9 @@ def _fragments(between: str, number: int = 6000) -> str:
 
 def test_thousands_of_places_cost_no_more_than_those_that_are_shown() -> None:
     """Ten students with such common files would use up the time of the whole class."""
-    pair = [
-        program(n, {"a.py": _fragments(between)})
-        for n, between in (("ada", "while x: y"), ("bob", "for x in y: z"))
-    ]
+    pair = []
+    for n, between in (("ada", "while x: y"), ("bob", "for x in y: z")):
+        pair.append(program(n, {"a.py": _fragments(between)}))
     began_s = time.process_time()
     (found,) = pairs_of(pair)
     assert len(found.spans) == MOST_SPANS

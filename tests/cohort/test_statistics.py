@@ -161,10 +161,9 @@ def test_undecided_checks_are_left_out_of_the_rest_too() -> None:
     """The rest is a share of the decided points: an undecided check neither lifts nor lowers it."""
     three = rubric_of(("a.x", 2), ("a.y", 2), ("a.z", 6))
     decided = [entry_of(str(n), result_of(three, [n / 9, n / 9, n / 9])) for n in range(10)]
-    opened = [
-        entry_of(str(n), result_of(three, [n / 9, n / 9, None if n == 9 else n / 9]))
-        for n in range(10)
-    ]
+    opened = []
+    for n in range(10):
+        opened.append(entry_of(str(n), result_of(three, [n / 9, n / 9, None if n == 9 else n / 9])))
     for entries in (decided, opened):
         told = summarise(entries, three).checks[0].discrimination
         assert not isinstance(told, Silent)

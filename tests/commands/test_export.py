@@ -209,9 +209,9 @@ def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.fixture
 def of_class(tmp_path: Path) -> Path:
     """Give the results of a download of Moodle, with one student without an ID number."""
-    names = [
-        f"{name}_assignsubmission_file_/joint_publisher.py" for name in ("Änne Müller_11", "Bob_12")
-    ]
+    names = []
+    for name in ("Änne Müller_11", "Bob_12"):
+        names.append(f"{name}_assignsubmission_file_/joint_publisher.py")
     sources = taken_in(
         tmp_path, read_rubric(None), names, "name,student_id,login\nÄnne Müller,0012,am12\n"
     )
@@ -311,10 +311,9 @@ def test_students_without_a_common_key_go_into_tables_of_their_own(
     )
     assert "choose 'Map from' ID number" in err
     assert "choose 'Map from' Email address" in err
-    keys = [
-        next(csv.DictReader((folder / "exports" / name).read_text().splitlines()))
-        for name in ("moodle.csv", "moodle-2.csv")
-    ]
+    keys = []
+    for name in ("moodle.csv", "moodle-2.csv"):
+        keys.append(next(csv.DictReader((folder / "exports" / name).read_text().splitlines())))
     assert (keys[0]["ID number"], keys[1]["Email address"]) == ("0012", "ben@uni.example")
     status, out, err = run(capsys, folder, "--to=moodle=-", "--class-list", listed)
     assert (status, out) == (2, "")

@@ -234,13 +234,12 @@ def test_what_only_the_files_tell_is_found(
     status, _, errors = run(capsys, "check", new)
     found = [each for each in errors.splitlines() if words in each]
     assert (status, len(found)) == (4, 1), errors
-    place = (
-        f"rubric.yaml:{line}: "
-        if file == "rubric.yaml"
-        else "expected.yaml:"
-        if "fixtures" in file
-        else "rubric.yaml:"
-    )
+    if file == "rubric.yaml":
+        place = f"rubric.yaml:{line}: "
+    elif "fixtures" in file:
+        place = "expected.yaml:"
+    else:
+        place = "rubric.yaml:"
     assert place in found[0]
 
 

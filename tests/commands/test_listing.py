@@ -29,7 +29,10 @@ def test_everything_is_listed_with_all_its_parameters(command: str) -> None:
     found = {entry.name: entry for entry in entries_of(command)}
     assert found.keys() == KNOWN[command].keys()
     for name, entry in found.items():
-        model = KNOWN[command][name] if command != "checks" else REGISTRY[name].parameters
+        if command != "checks":
+            model = KNOWN[command][name]
+        else:
+            model = REGISTRY[name].parameters
         assert [p.name for p in entry.parameters] == [
             f.alias or key for key, f in model.model_fields.items()
         ]
@@ -57,7 +60,10 @@ def test_each_example_can_be_used_as_it_is(command: str, entry: Entry) -> None:
         STEPS[entry.name].model_validate(plain[entry.name])
         return
     kind = plain["check" if command == "checks" else "kind"]
-    models = rubric_kinds().checks if command == "checks" else rubric_kinds().figures
+    if command == "checks":
+        models = rubric_kinds().checks
+    else:
+        models = rubric_kinds().figures
     assert kind == entry.name
     models[kind].model_validate(plain["with"])
 

@@ -80,7 +80,10 @@ class Served:
         if body is not None:
             own |= {"Origin": f"http://{self.host}", "Content-Type": "application/json"}
         sent = {key: value for key, value in {**own, **(headers or {})}.items() if value}
-        text = body if isinstance(body, (str, bytes)) or body is None else json.dumps(body)
+        if isinstance(body, (str, bytes)) or body is None:
+            text = body
+        else:
+            text = json.dumps(body)
         connection.putrequest(
             method, f"/{self.token if token is None else token}/{path}", skip_host=True
         )

@@ -162,7 +162,7 @@ def test_the_delays_of_many_spans_are_those_of_each(tmp_path: Path) -> None:
     starts, ends = np.array([at(1.0), at(2.2), at(4.0)]), np.array([at(2.05), at(3.0), at(5.0)])
     found = recorded.delays_s(starts, ends)
     assert found == pytest.approx([0.05, 0.3, 0.0], abs=1e-6)
-    each = [
-        recorded.longest_delay_s(Span(int(a), int(b))) for a, b in zip(starts, ends, strict=True)
-    ]
+    each = []
+    for a, b in zip(starts, ends, strict=True):
+        each.append(recorded.longest_delay_s(Span(int(a), int(b))))
     assert found == pytest.approx(each, abs=1e-6)

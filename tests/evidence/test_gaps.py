@@ -71,9 +71,9 @@ def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publis
     """The grader must be able to record its own types. No limit was hit, whatever the sizes."""
     made = session(tmp_path, own=1000, theirs=1)
     kinds = ((STATES, FLOATS), (STATES, "a/msg/B"))
-    strange = [
-        RecordingGap(topic, kind, at(1.0), 0, 0, "unknown", limit=False) for topic, kind in kinds
-    ]
+    strange = []
+    for topic, kind in kinds:
+        strange.append(RecordingGap(topic, kind, at(1.0), 0, 0, "unknown", limit=False))
     made.record.unrecorded += strange
     recorded = made.recorded()
     assert gaps_by_student(recorded) == strange[1:]

@@ -384,9 +384,9 @@ def test_a_wait_for_ones_own_is_not_the_machines(
     Simultaneous waits count by their share.
     """
     recorded = Session(tmp_path).recorded()
-    samples = [
-        MachineSample(at(t), 0, idle_ns={"0": 0, "1": round(idle_share * t * 1e9)}) for t in (0, 10)
-    ]
+    samples = []
+    for t in (0, 10):
+        samples.append(MachineSample(at(t), 0, idle_ns={"0": 0, "1": round(idle_share * t * 1e9)}))
     recorded.record.machine = samples
     process, fellow = run((0, 0, 0), (10, own_s, waited_s)), run((0, 0, 0), (10, fellow_s, 0))
     for each in (process, fellow):
@@ -404,10 +404,9 @@ def test_processes_that_nobody_saw_or_waited_for_are_the_students(
     """CPU time counted by the kernel, and used by no known process, was the students'."""
     recorded = Session(tmp_path).recorded()
     used = [None if together_s is None else round(together_s * share * 1e9) for share in (0, 1)]
-    samples = [
-        MachineSample(at(t), 0, idle_ns={"1": 0}, students_ns=ns)
-        for t, ns in zip((0, 10), used, strict=True)
-    ]
+    samples = []
+    for t, ns in zip((0, 10), used, strict=True):
+        samples.append(MachineSample(at(t), 0, idle_ns={"1": 0}, students_ns=ns))
     recorded.record.machine = samples
     process = run((0, 0, 0), (10, 2.0, 7.5))
     process.core, process.held_ns = 1, at(0)

@@ -173,7 +173,10 @@ def test_an_attribute_that_is_appended_again_and_again_is_found(
 ) -> None:
     """All entries are one object if no assignment makes the attribute anew."""
     text = f"class Node:\n    def __init__(self):\n        self.error = zeros(7)\n\n    def f(self):\n        {statements}\n"
-    found = (6, "self.errors.append(self.error.copy())") if is_found else None
+    if is_found:
+        found = (6, "self.errors.append(self.error.copy())")
+    else:
+        found = None
     assert appended_again(text) == found
 
 

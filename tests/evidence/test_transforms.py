@@ -50,7 +50,10 @@ def matrix(pose: Floats) -> Floats:
     """Give the homogeneous matrix of a pose; the columns of its rotation are written out by Rodrigues' formula."""
     x, y, z, w = pose[0, 3:]
     angle, norm = 2 * np.arctan2(np.linalg.norm([x, y, z]), w), float(np.linalg.norm([x, y, z]))
-    axis = np.array([x, y, z]) / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
+    if norm > 0:
+        axis = np.array([x, y, z]) / norm
+    else:
+        axis = np.array([0.0, 0.0, 1.0])
     across = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     found = np.eye(4)
     found[:3, :3] = np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
@@ -78,10 +81,9 @@ def test_the_distance_of_poses_is_that_of_matrices(one: Floats, other: Floats) -
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))
 def test_roll_pitch_and_yaw_turn_about_fixed_axes(rpy: list[float]) -> None:
     """Roll first, then pitch, then yaw, each about the axes of the parent."""
-    axes = [
-        pose_of((0, 0, 0), [angle if n == k else 0.0 for k in range(3)])
-        for n, angle in enumerate(rpy)
-    ]
+    axes = []
+    for n, angle in enumerate(rpy):
+        axes.append(pose_of((0, 0, 0), [angle if n == k else 0.0 for k in range(3)]))
     roll, pitch, yaw = map(matrix, axes)
     assert np.allclose(matrix(pose_of((0, 0, 0), rpy)), yaw @ pitch @ roll, atol=1e-9)
 

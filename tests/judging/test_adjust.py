@@ -41,10 +41,9 @@ def result(*criteria: list[tuple[str, str]], undecided: bool = False) -> Result:
         built.append(
             CriterionResult("abcdefgh"[number], "", sums[0], sums[1], sums[2], tuple(checks))
         )
-    whole = [
-        sum((getattr(c, key) for c in built), Decimal(0))
-        for key in ("earned", "possible", "undecided")
-    ]
+    whole = []
+    for key in ("earned", "possible", "undecided"):
+        whole.append(sum((getattr(c, key) for c in built), Decimal(0)))
     return Result("alice", "Lab", Score(*whole), tuple(built))
 
 

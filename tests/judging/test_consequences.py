@@ -98,8 +98,10 @@ def test_a_mistake_costs_no_more_where_nodes_share_a_process(
         archive.extractall(tmp_path, filter="data")
     result = judge(open_recordings(tmp_path, rubric), rubric)
     criterion, cost = COMPOSED[name]
-    losing = {
-        each.id for each in result.criteria for check in each.checks if check.session and check.lost
-    }
+    losing = set()
+    for each in result.criteria:
+        for check in each.checks:
+            if check.session and check.lost:
+                losing.add(each.id)
     assert losing == ({criterion} if criterion else set())
     assert lost_in_sessions(result) == cost

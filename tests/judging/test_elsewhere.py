@@ -77,7 +77,10 @@ def judged(folder: Path, *sessions: Recorded, tampering: bool = False) -> dict[s
     (folder / "lab.yaml").write_text(RUBRIC, encoding="utf-8")
     recordings = Recordings(submission(), {each.record.session: each for each in sessions})
     kind = ViolationKind.FORGES_ROSOUT
-    violations = [Violation(kind, "together", "Forged.")] if tampering else []
+    if tampering:
+        violations = [Violation(kind, "together", "Forged.")]
+    else:
+        violations = []
     return judge_checks(recordings, load_rubric(folder / "lab.yaml", rubric_kinds()), violations)
 
 

@@ -97,7 +97,9 @@ def test_whom_an_entry_is_about(tmp_path: Path, rubric: Rubric) -> None:
       - {{submission: 4711, bonus: 3, {WHY}}}
     """
     found = load(tmp_path, text, rubric)
-    bonuses = {name: [e.bonus for e in found.of(name)] for name in ("alice", "bob", "eve", "4711")}
+    bonuses = {}
+    for name in ("alice", "bob", "eve", "4711"):
+        bonuses[name] = [e.bonus for e in found.of(name)]
     assert bonuses == {"alice": [1, 2], "bob": [1, 2], "eve": [2], "4711": [2, 3]}
 
 

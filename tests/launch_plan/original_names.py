@@ -39,14 +39,18 @@ def modules() -> Iterator[tuple[str, ModuleType]]:
 
 def is_sub_module(title: str, name: str, value: Any) -> bool:
     """Tell whether a name of a module stands for its sub-module."""
-    return isinstance(value, types.ModuleType) and sys.modules.get(f"{title}.{name}") is value
+    if not isinstance(value, types.ModuleType):
+        return False
+    return sys.modules.get(f"{title}.{name}") is value
 
 
 def is_foreign(name: str, value: Any) -> bool:
     """Tell whether a name comes from another package, e.g. `os` or `Text` of `typing`."""
     if isinstance(value, types.ModuleType):
         return not value.__name__.startswith("launch")
-    if name in ("Text", "TYPE_CHECKING", "g_entry_points_impl") or name in vars(typing):
+    if name in ("Text", "TYPE_CHECKING", "g_entry_points_impl"):
+        return True
+    if name in vars(typing):
         return True
     home = str(getattr(value, "__module__", None) or "launch")
     return not home.startswith(("launch", "typing"))

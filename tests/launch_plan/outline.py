@@ -46,18 +46,17 @@ def outline(plan: dict[str, Any], *, lines: bool) -> dict[str, Any]:
     Only the stand-in gives lines of markup.
     """
     read = Plan.from_plain(plan)
-    processes = [
-        _process(plain, process.effective_parameters("/node"), lines=lines)
-        for plain, process in zip(plan["processes"], read.processes, strict=True)
-    ]
+    processes = []
+    for plain, process in zip(plan["processes"], read.processes, strict=True):
+        processes.append(_process(plain, process.effective_parameters("/node"), lines=lines))
     kinds = {
         "logs": ("message", "when"),
         "includes": ("file", "arguments"),
         "shutdowns": ("reason", "when"),
     }
-    listed = {
-        kind: [[entry[k] for k in keys] for entry in plan[kind]] for kind, keys in kinds.items()
-    }
+    listed = {}
+    for kind, keys in kinds.items():
+        listed[kind] = [[entry[k] for k in keys] for entry in plan[kind]]
     declared = [(a["name"], a["default"], a["line"] if lines else None) for a in plan["arguments"]]
     return {
         "processes": processes,

@@ -18,16 +18,8 @@ from launch_plan.plan import Plan
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from tests.launch_plan import course_cases, jazzy_cases, launch_cases, student_cases  # noqa: E402
+from tests.launch_plan.case_files import CASES, Case  # noqa: E402
 from tests.launch_plan.evaluations import INSIDE, environment, make_package, plans_of  # noqa: E402
-from tests.launch_plan.launch_cases import Case  # noqa: E402
-
-CASES = [
-    *launch_cases.CASES,
-    *jazzy_cases.CASES,
-    *student_cases.CASES,
-    *course_cases.CASES,
-]
 
 
 def make_prefix(folder: Path) -> Path:
@@ -87,17 +79,19 @@ def found(plan: Mapping[str, Any], path: str) -> Any:
         return len(found(plan, path[4:]))
     if path.startswith("parameter "):
         _, process, name = path.split(" ")
-        values = [
-            p["value"]
-            for p in plan["processes"][int(process)]["parameters"]
-            if p.get("name") == name
-        ]
+        values = []
+        for p in plan["processes"][int(process)]["parameters"]:
+            if p.get("name") == name:
+                values.append(p["value"])
         return values[-1] if values else f"no parameter {name}"
     if path.startswith("effective "):
         return Plan.from_plain(plan).processes[int(path[10:])].effective_parameters()
     value: Any = plan
     for step in path.split("."):
-        value = value[int(step)] if isinstance(value, list) else value[step.replace("|", ".")]
+        if isinstance(value, list):
+            value = value[int(step)]
+        else:
+            value = value[step.replace("|", ".")]
     return value
 
 
@@ -116,12 +110,14 @@ def mismatch(plan: Mapping[str, Any], path: str, expected: Any) -> str:
         same = str(value).endswith(expected)
     else:
         same = value == expected and isinstance(value, bool) == isinstance(expected, bool)
-    return "" if same else f"{path}: expected {expected!r}, found {value!r}"
+    if same:
+        return ""
+    return f"{path}: expected {expected!r}, found {value!r}"
 
 
 def test_there_are_enough_cases() -> None:
-    """At least a hundred cases, each with a name of its own."""
-    assert len(CASES) >= 100
+    """At least 575 cases, each with a name of its own."""
+    assert len(CASES) >= 575
     assert len({case.name for case in CASES}) == len(CASES)
 
 
@@ -129,9 +125,10 @@ def test_there_are_enough_cases() -> None:
 def test_the_plan_is_as_documented(case: Case, plans: dict[str, Any]) -> None:
     """A launch file has the plan, or the problem, that its case expects."""
     plan = plans[case.name]
-    wrong = [
-        text for path, expected in case.expect.items() if (text := mismatch(plan, path, expected))
-    ]
+    wrong = []
+    for path, expected in case.expect.items():
+        if text := mismatch(plan, path, expected):
+            wrong.append(text)
     assert not wrong, "\n".join(
         [*wrong, f"problem: {plan['problem']}", f"warnings: {plan['warnings']}"]
     )

@@ -63,9 +63,9 @@ def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: 
 
 def essence(plan: Plan) -> list[Any]:
     """Return the parts of a plan that both ways of evaluating must agree on."""
-    nodes = [
-        (p.id, p.kind, p.package, p.runs, p.called, p.full_name, p.when) for p in plan.processes
-    ]
+    nodes = []
+    for p in plan.processes:
+        nodes.append((p.id, p.kind, p.package, p.runs, p.called, p.full_name, p.when))
     arguments = [(a.name, a.default, a.description) for a in plan.arguments]
     return [plan.outcome, nodes, arguments, dict(plan.configurations)]
 

@@ -17,6 +17,7 @@ sys.path.append(str(ROOT))
 from launch_plan import jazzy  # noqa: E402
 from tests.launch_plan import original_names  # noqa: E402
 from tests.launch_plan import test_conformance as conformance  # noqa: E402
+from tests.launch_plan.case_files import CASES, Case  # noqa: E402
 from tests.launch_plan.evaluations import (  # noqa: E402
     ORIGINAL,
     STANDIN,
@@ -26,37 +27,12 @@ from tests.launch_plan.evaluations import (  # noqa: E402
     original_environment,
     plans_of,
 )
-from tests.launch_plan.launch_cases import Case  # noqa: E402
 from tests.launch_plan.outline import outline  # noqa: E402
 from tests.thorough import part  # noqa: E402
 
 pytestmark = [pytest.mark.slow, needs_the_original]
 
-#: Cases of later patch releases of Jazzy; the copy, of 3.4.3, gives an error or another plan.
-LATER_PATCHES = {
-    "the folder is restored after an include",
-    "an autostart is at the line of its node",
-    "autostart configures and activates",
-    "a lifecycle node in XML",
-    "a part of a path may be a list",
-    "a slash joins paths",
-    "a slash behind a package's share folder",
-    "a slash behind the folder of the file",
-    "a pathlib path where text can stand",
-    "an include by a pathlib path",
-    "XML: boolean substitutions",
-    "XML: an include with arguments by arg and by let",
-    "LaunchIntrospector and the logging of launch can be imported",
-}
-#: Cases that the grader answers in its own way, so that a student is charged for no other's absence.
-OWN_ANSWERS = {
-    "the path of ros2, which is not here",
-    "a launch from inside the file",
-    "XML: an action of which it is not known since when it is there",
-    "an anonymous name stays the same",
-    "an anonymous name is another one after its scope",
-}
-COMPARED = [case for case in conformance.CASES if case.name not in LATER_PATCHES | OWN_ANSWERS]
+COMPARED = [case for case in CASES if case.is_compared]
 FIXTURES = sorted(
     path.relative_to(ROOT)
     for folder in ("fixtures", "submissions", "reference", "labs")
@@ -107,9 +83,9 @@ def test_the_cases_are_as_in_the_original(quarter: int, tmp_path: Path) -> None:
         file = str(conformance.write(case, root))
         requests.append({"file": file, "arguments": dict(case.arguments), "root": str(root)})
     plans = both(requests, conformance.make_prefix(tmp_path))
-    found = {
-        c.name: difference(*pair, lines=_is_python(c)) for c, pair in zip(cases, plans, strict=True)
-    }
+    found = {}
+    for c, pair in zip(cases, plans, strict=True):
+        found[c.name] = difference(*pair, lines=_is_python(c))
     assert {name: text for name, text in found.items() if text} == {}
 
 
@@ -117,9 +93,9 @@ def test_the_fixtures_are_as_in_the_original(tmp_path: Path) -> None:
     """The launch file of each fixture has the same plan, or the same kind of outcome."""
     names = ("joint_publisher", "joint_subscriber", "robot_service")
     prefix = make_package(tmp_path / "prefix", "physical_ai_textbook", *names)
-    requests = [
-        {"file": str(ROOT / f), "arguments": {}, "root": str((ROOT / f).parent)} for f in FIXTURES
-    ]
+    requests = []
+    for f in FIXTURES:
+        requests.append({"file": str(ROOT / f), "arguments": {}, "root": str((ROOT / f).parent)})
     plans = both(requests, prefix)
     found = {
         str(f): difference(*pair, lines=f.suffix == ".py")
@@ -191,7 +167,9 @@ def _ask(program: str, path: Path, surroundings: dict[str, str], given: str = ""
 
 def program_arguments(program: str) -> list[str]:
     """Return the words behind `python` for a file with its arguments, or for a text."""
-    return program.split() if program.startswith("/") else ["-c", program]
+    if program.startswith("/"):
+        return program.split()
+    return ["-c", program]
 
 
 @pytest.fixture(scope="module")

@@ -88,11 +88,15 @@ class Attack:
 
 
 def _most_of(wanted: dict[str, Any] | None, points: Decimal) -> Decimal:
-    if wanted is None or wanted["outcome"] == "passed":
+    if wanted is None:
+        return points
+    if wanted["outcome"] == "passed":
         return points
     if "earned" in wanted:
         return Decimal(str(wanted["earned"][1]))
-    return Decimal(0) if wanted["outcome"] in ("failed", "not_reached") else points
+    if wanted["outcome"] in ("failed", "not_reached"):
+        return Decimal(0)
+    return points
 
 
 def read_attack(folder: Path) -> Attack:
@@ -150,7 +154,10 @@ def lay_out(attack: Attack, parent: Path) -> Path:
         (folder / name).rename(folder / f"{HONEST}{name}")
     if own:
         shutil.copytree(attack.folder / "submission", folder, dirs_exist_ok=True)
-    archive = folder.parent / f"{attack.name}{attack.archive}" if attack.archive else None
+    if attack.archive:
+        archive = folder.parent / f"{attack.name}{attack.archive}"
+    else:
+        archive = None
     make = attack.folder / "make.py"
     if make.is_file():
         # In a process of its own, because `make.py` may need another working folder.

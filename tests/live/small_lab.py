@@ -295,9 +295,11 @@ class Watch:
 
     def left(self) -> list[str]:
         """Return the command lines of processes that still live in one of the cells."""
-        return [
-            command_of(pid) or f"pid {pid}" for pid in pids() if network_of(pid) in self.networks
-        ]
+        found = []
+        for pid in pids():
+            if network_of(pid) in self.networks:
+                found.append(command_of(pid) or f"pid {pid}")
+        return found
 
     def until_all_ended(self) -> None:
         """Wait until nothing lives in the sandboxes any more; fails with the rest after a while."""

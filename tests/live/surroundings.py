@@ -146,7 +146,10 @@ def _as(surroundings: Surroundings) -> list[str]:
 def _enter(surroundings: Surroundings) -> None:
     """Prepare the child, before it becomes the command."""
     libc = ctypes.CDLL(None, use_errno=True)
-    closed = _closed_folders(surroundings.readable) if os.geteuid() == 0 else {}
+    if os.geteuid() == 0:
+        closed = _closed_folders(surroundings.readable)
+    else:
+        closed = {}
     if closed:
         _do(libc.unshare(CLONE_NEWNS))
         _do(libc.mount(b"none", b"/", None, MS_REC | MS_PRIVATE, None))

@@ -239,7 +239,10 @@ def run_in(
             limit_s=limit_s,
         )
         program = Path(__file__).with_name("surroundings.py")
-        apart = OWN_SPACES if environment is Environment.CONTAINER and os.geteuid() == 0 else []
+        if environment is Environment.CONTAINER and os.geteuid() == 0:
+            apart = OWN_SPACES
+        else:
+            apart = []
         subprocess.run(
             [
                 *apart,
@@ -275,11 +278,11 @@ def is_litter(path: Path, user: int) -> bool:
         owner = path.lstat().st_uid
     except OSError:
         return False
-    return (
-        "attack_" in path.name
-        or any(owner in uids for uids in CONFINED_UIDS)
-        or (owner == user != os.geteuid())
-    )
+    if "attack_" in path.name:
+        return True
+    if any(owner in uids for uids in CONFINED_UIDS):
+        return True
+    return owner == user != os.geteuid()
 
 
 @pytest.fixture
@@ -346,34 +349,34 @@ def faults_of_table(path: Path) -> list[str]:
     """Return cells that would make a spreadsheet compute a student's text."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         cells = list(chain.from_iterable(csv.reader(file)))
-    return [
-        f"{cell!r} in {path.name}"
-        for cell in cells
-        if FORMULA.match(cell) or any(map(is_control, cell))
-    ]
+    found = []
+    for cell in cells:
+        if FORMULA.match(cell) or any(map(is_control, cell)):
+            found.append(f"{cell!r} in {path.name}")
+    return found
 
 
 def scripts_of(page: Page) -> list[dict[str, str]]:
     """Return the elements of a page that run or fetch something."""
-    return [
-        {"element": tag, **attributes}
-        for tag, attributes in page.elements
-        if tag in ("script", "iframe", "object", "embed", "base")
-    ]
+    found = []
+    for tag, attributes in page.elements:
+        if tag in ("script", "iframe", "object", "embed", "base"):
+            found.append({"element": tag, **attributes})
+    return found
 
 
 def is_control(character: str) -> bool:
     """Say if a character steers its display."""
-    return character not in "\n\t" and (
-        unicodedata.category(character) in ("Cc", "Cs") or character in "\u202e\u2066"
-    )
+    if character in "\n\t":
+        return False
+    return unicodedata.category(character) in ("Cc", "Cs") or character in "\u202e\u2066"
 
 
 def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
     """Return breaches of a result's contract, and points beyond the honest twin's."""
-    faults = [
-        error.message[:300] for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(result)
-    ]
+    faults = []
+    for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(result):
+        faults.append(error.message[:300])
     broken = [check for check in checks_of(result) if check["outcome"] == "error"]
     faults += [f"{check['id']} broke: {check['reason']}" for check in broken]
     if result["score"]["earned"] > most:
@@ -388,16 +391,18 @@ def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str
     """
     rubric = rubrics.read_rubric(None)
     chosen = {c.id for c in rubric.checks() if c.session in sessions}
-    return {
-        check["id"]: "passed" if is_excused(check) else check["outcome"]
-        for check in checks_of(result)
-        if check["id"] in chosen
-    }
+    found = {}
+    for check in checks_of(result):
+        if check["id"] in chosen:
+            found[check["id"]] = "passed" if is_excused(check) else check["outcome"]
+    return found
 
 
 def is_excused(check: dict[str, Any]) -> bool:
     """Say if a check is undecided because of the machine alone."""
-    return check["outcome"] == "inconclusive" and str(check["reason"]).startswith(MACHINE)
+    if check["outcome"] != "inconclusive":
+        return False
+    return str(check["reason"]).startswith(MACHINE)
 
 
 def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:

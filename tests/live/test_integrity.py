@@ -102,8 +102,14 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
         "honest": HONEST,
         "talker": TALKER,
     }
-    steps = {
-        name: [
+    steps = {}
+    for name, node in (
+        ("twin", "toucher"),
+        ("probe", "toucher"),
+        ("honest", "honest"),
+        ("talker", "talker"),
+    ):
+        steps[name] = [
             {"start": {"reference": "beacon", "with": {"leaves": name == "talker"}}},
             {"start": {"student": name}},
             {"wait_for": {"node": f"/{node}", "timeout_s": 20}},
@@ -115,13 +121,6 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
             {"observe": {"duration_s": 1.2, "first_message_on": "/count"}},
             {"interrupt": {"process": name}},
         ]
-        for name, node in (
-            ("twin", "toucher"),
-            ("probe", "toucher"),
-            ("honest", "honest"),
-            ("talker", "talker"),
-        )
-    }
     lab = make_lab(folder, sources, {})
     (folder / "beacon.py").write_text(BEACON, encoding="utf-8")
     plain = yaml.safe_load(lab.rubric_file.read_text(encoding="utf-8"))

@@ -164,12 +164,12 @@ def record_and_judge(
 
 def checks_of(result: Result) -> dict[str, CheckResult]:
     """Return the checks of the launch criterion by their ids."""
-    return {
-        c.id: c
-        for criterion in result.criteria
-        if criterion.id == CRITERION
-        for c in criterion.checks
-    }
+    found = {}
+    for criterion in result.criteria:
+        if criterion.id == CRITERION:
+            for c in criterion.checks:
+                found[c.id] = c
+    return found
 
 
 def require_finding(misdeed: Misdeed, result: Result) -> None:

@@ -22,11 +22,10 @@ pytestmark = [pytest.mark.live, needs_the_original]
 
 def grade(submission: Path, out: Path, launch: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """The result and the record of the launch session."""
-    found = (
-        {"PYTHONPATH": str(ORIGINAL), "AMENT_PREFIX_PATH": str(ORIGINAL / "prefix")}
-        if launch == "native"
-        else {}
-    )
+    if launch == "native":
+        found = {"PYTHONPATH": str(ORIGINAL), "AMENT_PREFIX_PATH": str(ORIGINAL / "prefix")}
+    else:
+        found = {}
     command = [sys.executable, "-m", "grader.cli", str(submission), "-o", str(out)]
     done = subprocess.run(
         [*command, "--sessions", "launch", "--launch", launch],
@@ -45,9 +44,10 @@ def grade(submission: Path, out: Path, launch: str) -> tuple[dict[str, Any], dic
 
 def plans(record: dict[str, Any]) -> list[dict[str, Any]]:
     """The plans of the session."""
-    found = [
-        step["result"]["plan"] for step in record["steps"] if "plan" in (step.get("result") or {})
-    ]
+    found = []
+    for step in record["steps"]:
+        if "plan" in (step.get("result") or {}):
+            found.append(step["result"]["plan"])
     assert found
     return found
 
@@ -67,8 +67,7 @@ def test_the_real_launch_gives_the_same_plan_and_outcome(submission: str, tmp_pa
     for plan, other in zip(plans(our_record), plans(their_record), strict=True):
         assert (plan["outcome"], plan["problem"]) == (other["outcome"], other["problem"])
         assert plan["processes"] == other["processes"]
-    findings = [
-        {(c["id"], c["outcome"], c["earned"]) for c in checks_of(result)}
-        for result in (ours, theirs)
-    ]
+    findings = []
+    for result in (ours, theirs):
+        findings.append({(c["id"], c["outcome"], c["earned"]) for c in checks_of(result)})
     assert findings[0] == findings[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,9 @@ def _shortened(value: Any) -> Any:
     """Return data with the first two elements of each list."""
     if isinstance(value, dict):
         return {key: _shortened(part) for key, part in value.items()}
-    return [_shortened(part) for part in value[:2]] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [_shortened(part) for part in value[:2]]
+    return value
 
 
 PLAIN = {
@@ -55,13 +57,13 @@ PLAIN = {
 
 
 def _places(value: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    parts = (
-        value.items()
-        if isinstance(value, dict)
-        else enumerate(value)
-        if isinstance(value, list)
-        else ()
-    )
+    parts: Iterable[tuple[Any, Any]]
+    if isinstance(value, dict):
+        parts = value.items()
+    elif isinstance(value, list):
+        parts = enumerate(value)
+    else:
+        parts = ()
     for key, part in parts:
         yield (*above, key)
         yield from _places(part, (*above, key))

@@ -102,7 +102,9 @@ def rate_hz(received: list[tuple[int, Any]]) -> float:
 def keeps(received: list[tuple[int, Any]], wanted_hz: int) -> bool:
     """Tell whether a topic had its rate over its last second; in those before it, the machine may have halted."""
     last = received[-wanted_hz - 1 :]
-    return len(last) > wanted_hz and rate_hz(last) == pytest.approx(wanted_hz, rel=0.02)
+    if len(last) <= wanted_hz:
+        return False
+    return rate_hz(last) == pytest.approx(wanted_hz, rel=0.02)
 
 
 @pytest.mark.live
@@ -199,7 +201,9 @@ def alike(student: Listener, one: str, other: str) -> bool:
         received.clear()
     student.spin_for(2.0)
     both = [student.received[topic] for topic in (one, other)]
-    return min(map(len, both)) > 10 and rate_hz(both[0]) == pytest.approx(rate_hz(both[1]), rel=0.1)
+    if min(map(len, both)) <= 10:
+        return False
+    return rate_hz(both[0]) == pytest.approx(rate_hz(both[1]), rel=0.1)
 
 
 class Enabling:

@@ -98,9 +98,10 @@ def test_a_motion_that_ends_early_earns_a_part(tmp_path: Path) -> None:
     kept = Session(tmp_path / "short").process()
     stream = session.recorded().stream(COMMANDS)
     before = stream.source_ns <= at(SENT_S + 2.0)
-    moving = [
-        list(row) for row, is_before in zip(stream.field("data"), before, strict=True) if is_before
-    ]
+    moving = []
+    for row, is_before in zip(stream.field("data"), before, strict=True):
+        if is_before:
+            moving.append(list(row))
     kept.messages(
         COMMANDS,
         moving + rows,
@@ -151,9 +152,9 @@ def test_progress_is_the_share_of_the_time(
     tmp_path: Path, scale: float, kept_s: float, outcome: Outcome
 ) -> None:
     """Progress is compared with the time since the goal was accepted."""
-    told = [
-        {"t_ns": at(SENT_S + n / 10), "values": {"progress": scale * n / 25}} for n in range(26)
-    ]
+    told = []
+    for n in range(26):
+        told.append({"t_ns": at(SENT_S + n / 10), "values": {"progress": scale * n / 25}})
     session = moved(tmp_path, 100.0).disturbed("it", (SENT_S + 0.5, kept_s))
     session.record.steps[-1].result["goals"] = [{"answered_ns": at(SENT_S), "feedback": told}]
     assert judged("progress_by_time", session, step="step").outcome is outcome
@@ -171,7 +172,10 @@ def test_what_was_not_recorded_is_no_pause(tmp_path: Path) -> None:
 
 def answering(folder: Path, pauses: list[tuple[float, float]], ended_s: float) -> Session:
     """Give a publisher at 100 Hz with pauses, and a call at 5 s that is answered at some time."""
-    times_s = [t for t in evenly(100, 9.0) if not any(a < t < b for a, b in pauses)]
+    times_s = []
+    for t in evenly(100, 9.0):
+        if not any(a < t < b for a, b in pauses):
+            times_s.append(t)
     session = (
         Session(folder)
         .process(exited_ns=at(10.1))

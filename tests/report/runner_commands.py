@@ -34,12 +34,19 @@ def colon_command(line: str) -> Command | None:
     """Return the command that a line is in the form of today."""
     line = line.lstrip()
     end = line.find("::", 2)
-    if not line.startswith("::") or end < 0:
+    if not line.startswith("::"):
+        return None
+    if end < 0:
         return None
     name, blank, rest = line[2:end].partition(" ")
-    if not name or ":" in name:
+    if not name:
         return None
-    pairs = [pair.split("=", 1) for pair in rest.strip().split(",") if "=" in pair] if blank else []
+    if ":" in name:
+        return None
+    if blank:
+        pairs = [pair.split("=", 1) for pair in rest.strip().split(",") if "=" in pair]
+    else:
+        pairs = []
     return Command(
         name,
         {k: _decoded(v, _PROPERTY) for k, v in pairs if k and v},

@@ -94,22 +94,23 @@ def test_a_class_is_summed_up_by_check() -> None:
 
 def test_another_total_is_reported() -> None:
     """Fewer possible points are reported once for all submissions with them; renamed checks have ids."""
-    checks = [
-        Change("check", f"p.{n}", "Rate", None, Decimal(6), (None, Outcome.PASSED)) for n in "ab"
-    ]
+    checks = []
+    for n in "ab":
+        checks.append(Change("check", f"p.{n}", "Rate", None, Decimal(6), (None, Outcome.PASSED)))
     criterion = Change("criterion", "p", "Publisher", Decimal(20), Decimal(20))
-    each = [
-        Changes(
-            name,
-            Decimal(100),
-            Decimal(90),
-            _NONE,
-            (Decimal(100), Decimal(90)),
-            (criterion, *checks),
-            True,
+    each = []
+    for name in ("ann", "bob"):
+        each.append(
+            Changes(
+                name,
+                Decimal(100),
+                Decimal(90),
+                _NONE,
+                (Decimal(100), Decimal(90)),
+                (criterion, *checks),
+                True,
+            )
         )
-        for name in ("ann", "bob")
-    ]
     text = printed(*each, change("eve", "90", "88"))
     assert text.count("2 submissions: of 90 points, before of 100") == 1
     assert "Rate (p.a) not there → passed" in text

@@ -50,7 +50,10 @@ Row = tuple[int, int, list[float]]
 
 def floats(values: list[float]) -> bytes:
     """CDR of a Float64MultiArray without a layout."""
-    body = struct.pack(f"<4x{len(values)}d", *values) if values else b""
+    if values:
+        body = struct.pack(f"<4x{len(values)}d", *values)
+    else:
+        body = b""
     return struct.pack("<BBHIII", 0, 1, 0, 0, 0, len(values)) + body
 
 
@@ -111,10 +114,12 @@ def dots(figure: Figure) -> int:
 def lines(figure: Figure) -> list[list[tuple[float, float]]]:
     """Return the points of each line."""
     found = [element.get("points") or "" for element in picture(figure).iter("polyline")]
-    return [
-        [(float(x), float(y)) for x, y in (point.split(",") for point in points.split())]
-        for points in found
-    ]
+    made = []
+    for points in found:
+        made.append(
+            [(float(x), float(y)) for x, y in (point.split(",") for point in points.split())]
+        )
+    return made
 
 
 def labels(figure: Figure) -> list[str]:
@@ -225,9 +230,10 @@ def test_series_show_the_chosen_elements(tmp_path: Path) -> None:
 
 def output(*texts: str) -> list[OutputLine]:
     """Return lines of output 10 ms apart from 1 s after the start."""
-    return [
-        OutputLine(START_NS + 10**9 + n * 10**7, "stdout", text) for n, text in enumerate(texts)
-    ]
+    found = []
+    for n, text in enumerate(texts):
+        found.append(OutputLine(START_NS + 10**9 + n * 10**7, "stdout", text))
+    return found
 
 
 def reporting(folder: Path, oracle: str, *texts: str) -> Figure:
@@ -262,14 +268,15 @@ def test_outliers_do_not_flatten_the_rest(tmp_path: Path) -> None:
 
 def call_step(label: str, service: str, *responses: dict[str, Any] | None) -> StepRun:
     """Return a step of calls, each answered after 2 ms."""
-    calls = [
-        {
-            "started_ns": START_NS + 10**9,
-            "ended_ns": START_NS + 10**9 + 2_000_000,
-            "response": response,
-        }
-        for response in responses
-    ]
+    calls = []
+    for response in responses:
+        calls.append(
+            {
+                "started_ns": START_NS + 10**9,
+                "ended_ns": START_NS + 10**9 + 2_000_000,
+                "response": response,
+            }
+        )
     parameters = {"request": {"data": True}}
     return StepRun("call", parameters, label, result={"service": service, "calls": calls})
 
@@ -473,9 +480,9 @@ def test_latency_is_arrival_minus_sending(tmp_path: Path) -> None:
 
 def test_numbers_that_nobody_means_are_not_drawn(tmp_path: Path) -> None:
     """Next to the largest number that there is, all others would lie on one line, and so would nothing."""
-    rows: list[Row] = [
-        (n + 1, 10**9 + n * 10**7, [1e308 if n % 2 else -1e308, float(n)]) for n in range(50)
-    ]
+    rows: list[Row] = []
+    for n in range(50):
+        rows.append((n + 1, 10**9 + n * 10**7, [1e308 if n % 2 else -1e308, float(n)]))
     figure = shown(
         "series", recorded(tmp_path, {"/a": rows}), topics={"command": "/a"}, field="data"
     )
@@ -558,15 +565,16 @@ def test_names_of_students_stay_text(hostile: list[Figure]) -> None:
 
 def test_equal_recordings_give_equal_text(tmp_path: Path) -> None:
     """A picture is drawn twice with the same bytes."""
-    forms = [
-        shown(
-            "intervals",
-            recorded(tmp_path / name, {"/a": ticking(50, 10**7)}),
-            topic="/a",
-            rate_hz=100,
-        ).svg("f", HALF)
-        for name in ("one", "two")
-    ]
+    forms = []
+    for name in ("one", "two"):
+        forms.append(
+            shown(
+                "intervals",
+                recorded(tmp_path / name, {"/a": ticking(50, 10**7)}),
+                topic="/a",
+                rate_hz=100,
+            ).svg("f", HALF)
+        )
     assert forms[0] == forms[1]
 
 

@@ -27,7 +27,10 @@ def layout(recorded: Recorded) -> dict[str, Any]:
 def lines_of(read: dict[str, Any]) -> dict[str, list[str]]:
     """Return the message paths of each plot, by its title."""
     plots = (panel for name, panel in read["configById"].items() if name.startswith("Plot!"))
-    return {plot["foxglovePanelTitle"]: [path["value"] for path in plot["paths"]] for plot in plots}
+    found = {}
+    for plot in plots:
+        found[plot["foxglovePanelTitle"]] = [path["value"] for path in plot["paths"]]
+    return found
 
 
 def leaves(tree: Any) -> Iterator[str]:

@@ -38,7 +38,9 @@ def frames(
 ) -> Session:
     """Record frames that are sent ten times a second, and one that is sent once."""
     session = Session(folder)
-    listed = [{"transforms": [transform(*edge, time_s, x) for edge in edges]} for time_s in TIMES]
+    listed = []
+    for time_s in TIMES:
+        listed.append({"transforms": [transform(*edge, time_s, x) for edge in edges]})
     session.typed("/tf", TF, listed, TIMES)
     if static is not None:
         session.typed("/tf_static", TF, [{"transforms": [transform(*static, 0.9, x)]}], [0.9])
@@ -49,7 +51,10 @@ def goal(
     sent_s: float, ended_s: float | None, *, accepted: bool | None = True, **other: Any
 ) -> dict[str, Any]:
     """Return the record of a goal."""
-    feedback = [{"t_ns": at(sent_s + 0.1 * n), "values": {}} for n in range(4)] if accepted else []
+    if accepted:
+        feedback = [{"t_ns": at(sent_s + 0.1 * n), "values": {}} for n in range(4)]
+    else:
+        feedback = []
     return {
         **{
             "sent_ns": at(sent_s),
@@ -75,10 +80,9 @@ def shown(kind: str, session: Session, **settings: Any) -> Figure:
         form = ET.fromstring(str(figure.svg("f", width)))
         height = float((form.get("viewBox") or "").split()[3])
         for element in form.iter("polyline"):
-            points = [
-                tuple(map(float, point.split(",")))
-                for point in (element.get("points") or "").split()
-            ]
+            points = []
+            for point in (element.get("points") or "").split():
+                points.append(tuple(map(float, point.split(","))))
             for x, y in points:
                 assert 0 <= x <= width
                 assert 0 <= y <= height
@@ -93,11 +97,11 @@ def words(figure: Figure) -> list[str]:
 
 def drawn(figure: Figure, style: str) -> list[ET.Element]:
     """Give the marks of a style."""
-    return [
-        e
-        for e in ET.fromstring(str(figure.svg("f", WIDE))).iter()
-        if style in (e.get("class") or "").split()
-    ]
+    found = []
+    for e in ET.fromstring(str(figure.svg("f", WIDE))).iter():
+        if style in (e.get("class") or "").split():
+            found.append(e)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -159,9 +163,9 @@ def test_frames_lie_where_they_were_sent(tmp_path: Path) -> None:
     """One that lies twice as far along x is twice as far from its parent in the picture."""
     figure = shown("frames", frames(tmp_path, ("base", "arm"), ("arm", "hand")))
     ways = [e for e in drawn(figure, "stem") if e.tag.endswith("polyline")]
-    ends = [
-        [tuple(map(float, p.split(","))) for p in (way.get("points") or "").split()] for way in ways
-    ]
+    ends = []
+    for way in ways:
+        ends.append([tuple(map(float, p.split(","))) for p in (way.get("points") or "").split()])
     lengths = [math.dist(*pair) for pair in ends]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.01)
     assert ends[0][1] == pytest.approx(ends[1][0])

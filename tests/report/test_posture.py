@@ -62,14 +62,16 @@ def swinging(count: int, first: int = 0, lag: float = 0.0) -> list[Row]:
     """Return postures of a stick of two links of 1 m, which turns about its foot."""
     angles = [0.05 * (n - lag) for n in range(first, count)]
     tips = [(math.sin(angle), math.cos(angle)) for angle in angles]
-    return [
-        (
-            n + 1,
-            10**9 + (first + n) * PERIOD + (200_000 if first else 0),
-            [0, 0, 0, x, 0, z, 2 * x, 0, 2 * z],
+    found = []
+    for n, (x, z) in enumerate(tips):
+        found.append(
+            (
+                n + 1,
+                10**9 + (first + n) * PERIOD + (200_000 if first else 0),
+                [0, 0, 0, x, 0, z, 2 * x, 0, 2 * z],
+            )
         )
-        for n, (x, z) in enumerate(tips)
-    ]
+    return found
 
 
 @pytest.fixture
@@ -116,7 +118,9 @@ def test_the_still_is_where_the_tip_is_farthest_from_its_command(figure: Figure)
     motion = motion_of(figure)
     assert motion.still == 40
     links, places = marks(figure, "link"), projected(motion.solid[40])
-    ends = [[float(link.get(key) or 0) for key in ("x1", "y1", "x2", "y2")] for link in links]
+    ends = []
+    for link in links:
+        ends.append([float(link.get(key) or 0) for key in ("x1", "y1", "x2", "y2")])
     assert ends == pytest.approx(np.hstack((places[:-1], places[1:])), abs=0.1)
     (ghost,) = marks(figure, "ghost")
     assert len((ghost.get("points") or "").split()) == motion.points

@@ -104,9 +104,9 @@ def result_of(checks: Sequence[CheckResult] = CHECKS, **changes: Any) -> Result:
 
 def session(lines: Sequence[str] = ("hello",), **changes: Any) -> SessionRecord:
     """Return a session with one process."""
-    output = [
-        OutputLine(START_NS + 10**9 + n * 10**6, "stderr", text) for n, text in enumerate(lines)
-    ]
+    output = []
+    for n, text in enumerate(lines):
+        output.append(OutputLine(START_NS + 10**9 + n * 10**6, "stderr", text))
     run = ProcessRun(
         "node",
         "student",
@@ -320,10 +320,11 @@ def test_a_score_of_some_sessions_says_so() -> None:
 
 def test_the_time_of_a_call_is_reported_in_milliseconds() -> None:
     """A span of less than a second is told to the millisecond, so that two calls are told apart."""
-    places = [
-        location_of(Location(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text
-        for s in (0.671, 0.674)
-    ]
+    places = []
+    for s in (0.671, 0.674):
+        places.append(
+            location_of(Location(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text
+        )
     assert places == ["recording 'alone', 0.671–0.673 s", "recording 'alone', 0.674–0.676 s"]
 
 

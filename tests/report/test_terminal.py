@@ -49,16 +49,18 @@ def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str
     """Return a result with checks of 5 points each, earned if passed."""
     checks = []
     for number, each in enumerate(findings):
-        earned = Decimal(5) if each.outcome is Outcome.PASSED else Decimal(0)
+        if each.outcome is Outcome.PASSED:
+            earned = Decimal(5)
+        else:
+            earned = Decimal(0)
         undecided = Decimal(0) if each.outcome.decided else Decimal(5)
         points = {"earned": earned, "possible": Decimal(5), "undecided": undecided}
         checks.append(
             CheckResult.of(each, id=f"a.{number}", title=f"Check {number}", session="s", **points)
         )
-    sums = [
-        sum((getattr(c, key) for c in checks), Decimal(0))
-        for key in ("earned", "possible", "undecided")
-    ]
+    sums = []
+    for key in ("earned", "possible", "undecided"):
+        sums.append(sum((getattr(c, key) for c in checks), Decimal(0)))
     criterion = CriterionResult("a", "Criterion", sums[0], sums[1], sums[2], tuple(checks))
     return Result(
         name,

@@ -27,7 +27,10 @@ def about(*times_s: float | None) -> Any:
 
 def drawn(session: Session | Recorded, checks: Sequence[Any] = ()) -> Timeline:
     """Return the timeline of a recording."""
-    recorded = session.recorded() if isinstance(session, Session) else session
+    if isinstance(session, Session):
+        recorded = session.recorded()
+    else:
+        recorded = session
     return timeline_of(recorded, result_of(checks))
 
 

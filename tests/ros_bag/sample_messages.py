@@ -32,7 +32,10 @@ Sent = dict[str, list[Any]]
 def floats(values: Iterable[float]) -> bytes:
     """Give the CDR of a Float64MultiArray without a layout."""
     listed = list(values)
-    body = struct.pack(f"<4x{len(listed)}d", *listed) if listed else b""
+    if listed:
+        body = struct.pack(f"<4x{len(listed)}d", *listed)
+    else:
+        body = b""
     return struct.pack("<BBHIII", 0, 1, 0, 0, 0, len(listed)) + body
 
 
@@ -97,10 +100,16 @@ def same(read: Any, message: Any) -> bool:
     if isinstance(message, bytes):
         # An octet is one byte with rclpy, and a number with others.
         return bool(read == message[0])
-    if isinstance(message, (bool, int, float, str)) or not hasattr(message, "__len__"):
+    if isinstance(message, (bool, int, float, str)):
         return bool(read == message)
-    return len(read) == len(message) and all(map(same, read, message))
+    if not hasattr(message, "__len__"):
+        return bool(read == message)
+    if len(read) != len(message):
+        return False
+    return all(map(same, read, message))
 
 
 def _field(read: Any, name: str) -> Any:
-    return read[name] if isinstance(read, dict) else getattr(read, name)
+    if isinstance(read, dict):
+        return read[name]
+    return getattr(read, name)

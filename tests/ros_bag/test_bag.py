@@ -33,7 +33,10 @@ RELIABLE = Qos(reliability="reliable", durability="volatile", liveliness="automa
 
 def floats(*values: float) -> bytes:
     """CDR of a Float64MultiArray without a layout."""
-    body = struct.pack(f"<4x{len(values)}d", *values) if values else b""
+    if values:
+        body = struct.pack(f"<4x{len(values)}d", *values)
+    else:
+        body = b""
     return struct.pack("<BBHIII", 0, 1, 0, 0, 0, len(values)) + body
 
 
@@ -103,10 +106,9 @@ def test_other_readers_agree(tmp_path: Path) -> None:
             message: Any = reader.deserialize(data, connection.msgtype)
             theirs.append((time_ns, message.data.tolist()))
     with (tmp_path / "session.mcap").open("rb") as stream:
-        raw = [
-            (m.log_time, m.publish_time, m.sequence, m.data)
-            for *_, m in make_reader(stream).iter_messages()
-        ]
+        raw = []
+        for *_, m in make_reader(stream).iter_messages():
+            raw.append((m.log_time, m.publish_time, m.sequence, m.data))
 
     values = [array.tolist() for array in ours.field("data")]
     assert theirs == list(zip(ours.received_ns.tolist(), values, strict=True))

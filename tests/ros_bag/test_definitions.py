@@ -31,7 +31,10 @@ def installed_types() -> list[str]:
     messages = [f"{path.parts[-3]}/msg/{path.stem}" for path in share.glob("*/msg/*.msg")]
     services = [f"{path.parts[-3]}/srv/{path.stem}" for path in share.glob("*/srv/*.srv")]
     actions = [f"{path.parts[-3]}/action/{path.stem}" for path in share.glob("*/action/*.action")]
-    implied = [f"{name}_{part}" for name in services for part in ("Request", "Response", "Event")]
+    implied = []
+    for name in services:
+        for part in ("Request", "Response", "Event"):
+            implied.append(f"{name}_{part}")
     implied += [
         f"{name}_{part}"
         for name in actions
@@ -52,9 +55,10 @@ def test_every_installed_definition_gives_the_types_hash() -> None:
     types = [name for name in installed_types() if name not in WIDE]
     if not types:
         pytest.skip("no ROS packages are installed")
-    wrong = [
-        name for name in types if hash_by_rosbags(name, definition_of(name)) != type_hash_of(name)
-    ]
+    wrong = []
+    for name in types:
+        if hash_by_rosbags(name, definition_of(name)) != type_hash_of(name):
+            wrong.append(name)
     assert wrong == []
     assert all(type_hash_of(name) == "" for name in WIDE)
 

@@ -10,19 +10,18 @@ from ros_bag.interfaces import InterfacePackage, in_order, packages_of, shipped_
 
 def test_a_package_is_named_by_its_manifest_or_its_folder() -> None:
     """The folder above msg/, srv/ and action/ is the package's."""
-    found = {
-        package.name: set(package.files)
-        for package in packages_of(
-            {
-                "a/msg/Num.msg": "int64 num\n",
-                "a/srv/Add.srv": "---\n",
-                "b/package.xml": "<package><name>my_b</name></package>",
-                "b/action/Go.action": "---\n---\n",
-                "b/other/No.msg": "int64 num\n",
-                "msg/No.txt": "",
-            }
-        )
-    }
+    found = {}
+    for package in packages_of(
+        {
+            "a/msg/Num.msg": "int64 num\n",
+            "a/srv/Add.srv": "---\n",
+            "b/package.xml": "<package><name>my_b</name></package>",
+            "b/action/Go.action": "---\n---\n",
+            "b/other/No.msg": "int64 num\n",
+            "msg/No.txt": "",
+        }
+    ):
+        found[package.name] = set(package.files)
     assert found == {"a": {"msg/Num.msg", "srv/Add.srv"}, "my_b": {"action/Go.action"}}
 
 

@@ -142,7 +142,9 @@ def test_every_message_of_every_type_is_decoded(
 
 
 def _equal(read: Any, message: Any) -> bool:
-    return read is not None and same(read, message)
+    if read is None:
+        return False
+    return same(read, message)
 
 
 def test_metadata_is_what_each_distribution_reads(written: tuple[Path, Sent]) -> None:

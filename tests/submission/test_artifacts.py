@@ -260,7 +260,10 @@ def test_what_is_of_another_lab_is_refused(
     lab: str | None, submission: str, rubric: Rubric
 ) -> None:
     """A launch file that starts none of the lab's programs earns nothing in another lab's place."""
-    asked = rubric if lab is None else read_rubric(SOLUTION.parents[1] / lab / "rubric.yaml")
+    if lab is None:
+        asked = rubric
+    else:
+        asked = read_rubric(SOLUTION.parents[1] / lab / "rubric.yaml")
     with pytest.raises(SubmissionError, match=f"to lab {asked.lab.id}; it may be of another lab"):
         read_submission_folder(SOLUTION.parents[1] / submission, asked)
 

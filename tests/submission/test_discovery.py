@@ -67,7 +67,11 @@ def pack(folder: Path, archive: Path) -> Path:
 
 def in_folders(tree: Mapping[str, Iterable[str]]) -> list[str]:
     """Spell out folder -> names."""
-    return [f"{folder}/{name}" for folder, names in tree.items() for name in names]
+    found = []
+    for folder, names in tree.items():
+        for name in names:
+            found.append(f"{folder}/{name}")
+    return found
 
 
 def found_in(path: Path, rubric: Rubric, shape: Shape = Shape.AUTO) -> list[str]:
@@ -78,11 +82,11 @@ def found_in(path: Path, rubric: Rubric, shape: Shape = Shape.AUTO) -> list[str]
 def files_of(source: SubmissionSource) -> set[str]:
     """Give the files of a submission as the grader gets them."""
     with open_submission(source) as intake:
-        return {
-            path.relative_to(intake.folder).as_posix()
-            for path in intake.folder.rglob("*")
-            if path.is_file()
-        }
+        found = set()
+        for path in intake.folder.rglob("*"):
+            if path.is_file():
+                found.add(path.relative_to(intake.folder).as_posix())
+        return found
 
 
 OF_FRAMES = ("camera_mount.py", "arm_broadcaster.py", "target_listener.py", "frames_launch.py")
@@ -175,7 +179,10 @@ EACH: dict[str, tuple[dict[str, Iterable[str]], list[str]]] = {
 def test_one_submission(tree: str, form: str, rubric: Rubric, tmp_path: Path) -> None:
     """A student's files are one submission, in whatever folders they lie; its name is the path's."""
     folder = lay_out(tmp_path / "alice", ONE[tree])
-    path = folder if form == "folder" else pack(folder, tmp_path / f"alice{form}")
+    if form == "folder":
+        path = folder
+    else:
+        path = pack(folder, tmp_path / f"alice{form}")
     found = find_submissions([path], rubric)
     assert [(source.name, source.pieces[0].member) for source in found.submissions] == [
         ("alice", "")
@@ -190,13 +197,15 @@ def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path:
     """Folders and archives of students are one submission each, also when they are packed together."""
     laid_out, names = EACH[tree]
     folder = lay_out(tmp_path / "group", in_folders(laid_out))
-    path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
+    if form == "folder":
+        path = folder
+    else:
+        path = pack(folder, tmp_path / f"group{form}")
     found = find_submissions([path], rubric)
-    expected = (
-        names
-        if form == "folder"
-        else [name for name in names if name != "eve" or tree != "with an empty one"]
-    )
+    if form == "folder":
+        expected = names
+    else:
+        expected = [name for name in names if name != "eve" or tree != "with an empty one"]
     assert [source.name for source in found.submissions] == expected
     named = [line.rsplit(": ", 2)[1:] for line in found.not_understood]
     assert named == (
@@ -209,7 +218,10 @@ def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path:
 def test_each_gets_its_own_files(form: str, rubric: Rubric, tmp_path: Path) -> None:
     """Each submission can be extracted, and holds the files of one student alone."""
     folder = lay_out(tmp_path / "group", in_folders({"lab/alice": FIVE, "lab/bob/src/p": FIVE}))
-    path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
+    if form == "folder":
+        path = folder
+    else:
+        path = pack(folder, tmp_path / f"group{form}")
     alice, bob = find_submissions([path], rubric).submissions
     assert files_of(alice) == set(FIVE)
     assert files_of(bob) == {f"src/p/{name}" for name in FIVE}
@@ -428,7 +440,9 @@ def download(tmp_path: Path, form: str, names: Iterable[str]) -> Path:
     for path in [path for path in folder.rglob("*") if path.suffix == ".zip"]:
         with zipfile.ZipFile(path, "w") as packed:
             packed.writestr("lab/joint_publisher.py", path.name)
-    return folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+    if form == "folder":
+        return folder
+    return pack(folder, tmp_path / "export.zip")
 
 
 def by_name(found: Discovery) -> dict[str, SubmissionSource]:
@@ -507,11 +521,10 @@ def test_blackboards_download(form: str, rubric: Rubric, tmp_path: Path) -> None
 
 def test_nobody_of_a_large_class_is_lost(rubric: Rubric, tmp_path: Path) -> None:
     """A download of thousands of loose files is understood to its last student."""
-    names = [
-        f"student{student}_{student}_{file}_f{file}.py"
-        for student in range(1, 1201)
-        for file in range(5)
-    ]
+    names = []
+    for student in range(1, 1201):
+        for file in range(5):
+            names.append(f"student{student}_{student}_{file}_f{file}.py")
     found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
     assert len(found.submissions) == 1200
     assert all(len(source.pieces) == 5 for source in found.submissions)
@@ -592,7 +605,10 @@ def test_sakais_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
     (folder / "Lab 9/Müller, Ann(ann1)/timestamp.txt").write_text("20260302224105123")
     (folder / "Lab 9/O'Brien, Bob(bob2)/timestamp.txt").write_text("2026-03-02T22:41:05Z\n")
     (folder / "Lab 9/Çelik, Cem(cem3)/timestamp.txt").write_text("yesterday")
-    path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+    if form == "folder":
+        path = folder
+    else:
+        path = pack(folder, tmp_path / "export.zip")
     students = by_name(find_submissions([path], rubric))
     assert list(students) == ["Müller_Ann_ann1", "O_Brien_Bob_bob2", "Çelik_Cem_cem3"]
     told = datetime(2026, 3, 2, 22, 41, 5, tzinfo=UTC)
@@ -628,12 +644,18 @@ submission_103:
 @pytest.mark.parametrize("form", ["folder", "zip"])
 def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
     """Names and times come from the export's table; all members of a group are named."""
-    names = [f"assignment_7_export/submission_{n}/{file}" for n in (101, 102, 103) for file in FIVE]
+    names = []
+    for n in (101, 102, 103):
+        for file in FIVE:
+            names.append(f"assignment_7_export/submission_{n}/{file}")
     folder = download(tmp_path, "folder", names)
     (folder / "assignment_7_export/submission_metadata.yml").write_text(
         GRADESCOPE, encoding="utf-8"
     )
-    path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
+    if form == "folder":
+        path = folder
+    else:
+        path = pack(folder, tmp_path / "export.zip")
     found = find_submissions([path], rubric)
     students = by_name(found)
     assert list(students) == [
@@ -663,10 +685,9 @@ def test_a_download_of_one_is_reported_beside_tables(rubric: Rubric, tmp_path: P
 
 def test_user_names_with_underscores_stay_apart(rubric: Rubric, tmp_path: Path) -> None:
     """On Blackboard, a title, a user's name and a group's may hold underscores; nobody is taken for another."""
-    names = [
-        f"Lab_9 (B)_{who}_attempt_2026-03-01-12-00-00_joint_publisher.py"
-        for who in ("a_smith", "b_smith", "Group 1")
-    ]
+    names = []
+    for who in ("a_smith", "b_smith", "Group 1"):
+        names.append(f"Lab_9 (B)_{who}_attempt_2026-03-01-12-00-00_joint_publisher.py")
     found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
     assert [(h.name, h.student_id) for h in found.submissions] == [
         ("a_smith", "a_smith"),
@@ -730,7 +751,10 @@ def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_
     """A class is recognised even with packed files, or names like parts of a submission."""
     laid_out, names = OTHER_CLASSES[tree]
     folder = lay_out(tmp_path / "group", laid_out)
-    path = folder if form == "folder" else pack(folder, tmp_path / "group.zip")
+    if form == "folder":
+        path = folder
+    else:
+        path = pack(folder, tmp_path / "group.zip")
     found = find_submissions([path], rubric)
     assert [source.name for source in found.submissions] == names
     assert found.not_understood == ()

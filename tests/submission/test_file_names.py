@@ -83,9 +83,10 @@ def test_any_name_is_fit_or_refused(name: str) -> None:
         assert part == part.rstrip(". ")
         assert not set(part) & set("/\\")
         assert 0 < len(part.encode("utf-8")) <= 200
-        hidden = {
-            c for c in part if unicodedata.category(c) in {"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"}
-        }
+        hidden = set()
+        for c in part:
+            if unicodedata.category(c) in {"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"}:
+                hidden.add(c)
         assert hidden <= set("\u200c\u200d")
     assert clean_parts("/".join(parts)) == parts
 

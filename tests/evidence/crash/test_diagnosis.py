@@ -41,7 +41,10 @@ def lines(text: str, stream: str = "stderr") -> list[OutputLine]:
 
 def raised(final: str, library: str = "") -> list[OutputLine]:
     """Output of a script of the submission that dies of an exception, perhaps inside a library."""
-    inner = f'  File "/venv/lib/python3.11/site-packages/{library}\n    code()\n' if library else ""
+    if library:
+        inner = f'  File "/venv/lib/python3.11/site-packages/{library}\n    code()\n'
+    else:
+        inner = ""
     return lines(
         "Traceback (most recent call last):\n"
         '  File "/cell/ws/joint_publisher.py", line 40, in <module>\n    main()\n'

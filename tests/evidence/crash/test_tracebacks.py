@@ -14,10 +14,10 @@ from tests.counted import calls_of
 
 def lines(text: str, stream: str = "stderr") -> list[OutputLine]:
     """A text as a process's output, a line every nanosecond."""
-    return [
-        OutputLine(t, stream, line)
-        for t, line in enumerate(textwrap.dedent(text).strip("\n").split("\n"))
-    ]
+    found = []
+    for t, line in enumerate(textwrap.dedent(text).strip("\n").split("\n")):
+        found.append(OutputLine(t, stream, line))
+    return found
 
 
 PLAIN = """
@@ -62,9 +62,9 @@ def test_log_lines_between_do_not_matter() -> None:
 
 def test_colours_and_launch_prefixes_are_taken_off() -> None:
     """Output under a launch carries the process's name before each line."""
-    decorated = [
-        OutputLine(0, "stderr", f"[talker-1] \x1b[35m{line.text}\x1b[0m") for line in lines(PLAIN)
-    ]
+    decorated = []
+    for line in lines(PLAIN):
+        decorated.append(OutputLine(0, "stderr", f"[talker-1] \x1b[35m{line.text}\x1b[0m"))
     (raised,) = tracebacks(decorated)
     assert raised.frames[-1].function == "main"
 

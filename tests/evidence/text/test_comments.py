@@ -16,10 +16,10 @@ def notes(text: str) -> tuple[Note, ...]:
 
 def kinds(*lines: str) -> list[str]:
     """Faults of comments that stand on lines of their own below code; "explains" for none."""
-    return [
-        note.fault or "explains"
-        for note in notes("x = 1\n\n" + "\n".join(f"# {line}" for line in lines) + "\n")
-    ]
+    found = []
+    for note in notes("x = 1\n\n" + "\n".join(f"# {line}" for line in lines) + "\n"):
+        found.append(note.fault or "explains")
+    return found
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,10 @@ from grader.evidence.text.markup import code_spans, own_text, plain_text, read_m
 def outline(text: str) -> list[tuple[str, int, list[tuple[str, int]]]]:
     """Titles, levels and kinds of blocks with their lines."""
     document = read_markdown(textwrap.dedent(text).lstrip("\n"))
-    return [(s.title, s.level, [(b.kind, b.line) for b in s.blocks]) for s in document]
+    found = []
+    for s in document:
+        found.append((s.title, s.level, [(b.kind, b.line) for b in s.blocks]))
+    return found
 
 
 def test_markdown() -> None:

@@ -22,11 +22,10 @@ SOURCES = sorted(path for package in PACKAGES for path in package.rglob("*.py"))
 def test_comments_agree_with_tokenize(path: Path) -> None:
     """Comments are found exactly where Python's own tokenizer finds them."""
     text = normalise(path.read_text(encoding="utf-8"))
-    expected = [
-        (token.start[0], token.string)
-        for token in tokenize.generate_tokens(io.StringIO(text).readline)
-        if token.type == tokenize.COMMENT
-    ]
+    expected = []
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            expected.append((token.start[0], token.string))
     assert [
         (text.count("\n", 0, s.start()) + 1, s[0]) for s in spans(text) if s["comment"]
     ] == expected

@@ -468,10 +468,9 @@ def require_identified(endpoints: list[Endpoint]) -> None:
 
 def test_snapshots_hold_qos_gid_and_type_hash(tmp_path: Path) -> None:
     """A snapshot tells of each endpoint its node, type, type hash, gid and the policies that discovery carries."""
-    waits = [
-        {"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}}
-        for topic in ("/latched", "/lossy")
-    ]
+    waits = []
+    for topic in ("/latched", "/lossy"):
+        waits.append({"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}})
     waits.append({"wait_for": {"subscription": "/input", "type": FLOATS, "timeout_s": 20}})
     recorded = record_one(tmp_path, node(OFFERED), waits)
     assert not recorded.record.problems

@@ -138,10 +138,11 @@ def test_feedback_and_status_are_in_the_bag(tmp_path: Path) -> None:
     recorded = record_one(tmp_path, server(HONEST), [WAIT, goal()])
     (step,) = sent(recorded)
     with AnyReader([tmp_path / "results" / "recordings" / "only"]) as reader:
-        messages = {
-            c.topic: [reader.deserialize(data, c.msgtype) for _, _, data in reader.messages([c])]
-            for c in reader.connections
-        }
+        messages = {}
+        for c in reader.connections:
+            messages[c.topic] = [
+                reader.deserialize(data, c.msgtype) for _, _, data in reader.messages([c])
+            ]
     identifier = step.result["goals"][0]["goal_id"]
     feedback: list[Any] = messages["/fibonaci/_action/feedback"]
     assert [list(message.feedback.sequence) for message in feedback] == [
@@ -291,13 +292,14 @@ def test_a_students_client_has_a_reference_server(tmp_path: Path) -> None:
     recorded = Lab(tmp_path / "rubric.yaml", submission, tmp_path / "results").record()["only"]
     assert not recorded.record.problems
     assert recorded.record.names == {"/fibonacci": "/fibonaci"}
-    values = {
-        topic: [list(each) for each in recorded.stream(topic).field(field) if each is not None]
-        for topic, field in (
-            ("/fibonaci/_action/feedback", "feedback.sequence"),
-            ("/fibonacci/results", "sequence"),
-        )
-    }
+    values = {}
+    for topic, field in (
+        ("/fibonaci/_action/feedback", "feedback.sequence"),
+        ("/fibonacci/results", "sequence"),
+    ):
+        values[topic] = [
+            list(each) for each in recorded.stream(topic).field(field) if each is not None
+        ]
     assert values == {"/fibonaci/_action/feedback": [[1]], "/fibonacci/results": [[42]]}
     assert recorded.stream("/fibonacci/goals").field("order") == [7]
     assert recorded.stream("/fibonaci/_action/status").field("status_list[0].status")[-1] == 4

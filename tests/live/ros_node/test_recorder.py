@@ -232,15 +232,13 @@ class Recorded:
 
     def __init__(self, home: Path) -> None:
         self.folder = home / "bag"
-        rates = [
-            {"topic": topic, "kind": "floats", "rate_hz": rate, "count": 5 * rate + 1}
-            for topic, rate in RATES_HZ.items()
-        ]
+        rates = []
+        for topic, rate in RATES_HZ.items():
+            rates.append({"topic": topic, "kind": "floats", "rate_hz": rate, "count": 5 * rate + 1})
         burst = {"topic": "/burst", "kind": "floats", "rate_hz": BURST_HZ, "count": BURST_COUNT}
-        mixed = [
-            {"topic": "/mixed", "kind": kind, "rate_hz": 100, "count": 100}
-            for kind in ("text", "floats")
-        ]
+        mixed = []
+        for kind in ("text", "floats"):
+            mixed.append({"topic": "/mixed", "kind": kind, "rate_hz": 100, "count": 100})
         self.printed = record(
             self.folder,
             71,
@@ -355,11 +353,10 @@ def test_log_and_service_events_are_recorded(recorded: Recorded) -> None:
     assert events.topic_type == EVENT
     # A client notes its request (0, request sent) and the answer (3, response received).
     kinds = events.field("info.event_type")
-    sent = [
-        value
-        for kind, value in zip(kinds, events.field("request.0.data"), strict=True)
-        if kind == 0
-    ]
+    sent = []
+    for kind, value in zip(kinds, events.field("request.0.data"), strict=True):
+        if kind == 0:
+            sent.append(value)
     answers = [
         value
         for kind, value in zip(kinds, events.field("response.0.message"), strict=True)

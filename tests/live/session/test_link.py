@@ -152,11 +152,10 @@ def test_the_profiles_are_the_students(tmp_path: Path) -> None:
         "label": "link",
     }
     record = record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record
-    offered = {
-        name: topic.offered
-        for name, topic in linked(record)[1].items()
-        if topic.offered is not None
-    }
+    offered = {}
+    for name, topic in linked(record)[1].items():
+        if topic.offered is not None:
+            offered[name] = topic.offered
     policies = {
         name: (q.reliability, q.durability, q.history, q.depth) for name, q in offered.items()
     }

@@ -98,7 +98,10 @@ def motion(
 def moving(folder: Path, rate_hz: float = 100, by_clock: bool = False, **how: float) -> Finding:
     """Judge the motion of a node with a rate, its time taken from the clock or as 0.01 s a tick."""
     times = np.array(evenly(rate_hz, 6.0))
-    own = times - times[0] if by_clock else np.arange(len(times)) * 0.01
+    if by_clock:
+        own = times - times[0]
+    else:
+        own = np.arange(len(times)) * 0.01
     return judged(SINUSOIDS, MOTION, published(folder, times.tolist(), motion(own, **how)))
 
 
@@ -263,10 +266,9 @@ def test_a_jump_at_the_start_is_seen_by_the_motion_too(
 ) -> None:
     """Later messages show the start of the motion, even if the first ones were not recorded."""
     times = np.array(evenly(rate_hz, 6.0))
-    rows = [
-        [0.5 * np.sin(0.4 * np.pi * t + angle_rad), *motion(np.array([t]))[0][1:]]
-        for t in times - times[0]
-    ]
+    rows = []
+    for t in times - times[0]:
+        rows.append([0.5 * np.sin(0.4 * np.pi * t + angle_rad), *motion(np.array([t]))[0][1:]])
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
     session.messages(
         TOPIC, rows[missed:], times[missed:].tolist(), sequence=range(missed + 1, len(rows) + 1)

@@ -58,7 +58,10 @@ def stimulus(folder: Path, errors: tuple[float, ...] = ERRORS) -> tuple[Session,
     session = Session(folder)
     starts = [1.0 + n for n in range(len(errors))]
     session.messages(COMMAND, [[error] * 7 for error in errors], [start - 0.1 for start in starts])
-    times = [start + 0.02 * n for start in starts for n in range(STATES_EACH)]
+    times = []
+    for start in starts:
+        for n in range(STATES_EACH):
+            times.append(start + 0.02 * n)
     session.messages(STATE, [[0.0] * 7] * len(times), times)
     return session, times
 
@@ -67,11 +70,15 @@ def with_reports(
     session: Session, times: list[float], factor: float = 1.0, every: int = 1
 ) -> Session:
     """Let a process report the RMS error on each state, or on every n-th."""
-    lines = [
-        (time_s + 0.001, f"RMS tracking error: {factor * abs(ERRORS[n // STATES_EACH]):.4f} rad")
-        for n, time_s in enumerate(times)
-        if n % every == 0
-    ]
+    lines = []
+    for n, time_s in enumerate(times):
+        if n % every == 0:
+            lines.append(
+                (
+                    time_s + 0.001,
+                    f"RMS tracking error: {factor * abs(ERRORS[n // STATES_EACH]):.4f} rad",
+                )
+            )
     return session.process("it", lines)
 
 
@@ -117,10 +124,9 @@ FINE = (0.0944, 0.0544, -0.0244, 0.0644)
 def test_reports_count_as_they_are_rounded(tmp_path: Path, form: str, credit: int) -> None:
     """Two decimals are judged to these; coarser numbers are not taken for rounded ones."""
     session, times = stimulus(tmp_path, FINE)
-    lines = [
-        (t + 0.001, f"RMS: {form.format(abs(FINE[n // STATES_EACH]))} rad")
-        for n, t in enumerate(times)
-    ]
+    lines = []
+    for n, t in enumerate(times):
+        lines.append((t + 0.001, f"RMS: {form.format(abs(FINE[n // STATES_EACH]))} rad"))
     assert judged(REPORTED_SERIES, SERIES, session.process("it", lines)).credit == credit
 
 
@@ -131,9 +137,9 @@ def test_a_known_mistake_in_the_series_is_named(tmp_path: Path) -> None:
     """The RMS over all errors so far earns a part, with an example and the name of the mistake."""
     session, times = stimulus(tmp_path)
     squares = np.cumsum(np.repeat(ERRORS, STATES_EACH) ** 2) / np.arange(1, len(times) + 1)
-    lines = [
-        (t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, np.sqrt(squares), strict=True)
-    ]
+    lines = []
+    for t, value in zip(times, np.sqrt(squares), strict=True):
+        lines.append((t + 0.001, f"RMS: {value:.4f}"))
     wanted = {**SERIES, "alternatives": [HISTORY_INSTEAD]}
     finding = judged(REPORTED_SERIES, wanted, session.process("it", lines))
     assert finding.credit == Decimal("0.5")
@@ -247,10 +253,9 @@ def test_reports_that_the_grader_read_too_late_are_undecided(tmp_path: Path) -> 
     """After a stall, the grader takes lines printed on one plateau for lines of the next."""
     session, times = stimulus(tmp_path)
     late = [(max(t, 3.7) if 1.9 < t < 3.7 else t) for t in times]
-    lines = [
-        (t + 0.001, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad")
-        for n, t in enumerate(late)
-    ]
+    lines = []
+    for n, t in enumerate(late):
+        lines.append((t + 0.001, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad"))
     session.process("it", lines)
     session.record.machine = [MachineSample(at(n / 2), 0) for n in range(12)]
     assert judged(REPORTED_SERIES, SERIES, session.recorded()).outcome is Outcome.PARTIAL
@@ -294,7 +299,10 @@ ONCE = {
 def test_a_command_that_is_used_once_is_named(tmp_path: Path, repeats: int, credit: float) -> None:
     """A report for each command and not for each state is a known mistake; as few reports otherwise are not."""
     session = Session(tmp_path)
-    times = [1.0 + plateau + 0.02 * n for plateau in range(4) for n in range(STATES_EACH)]
+    times = []
+    for plateau in range(4):
+        for n in range(STATES_EACH):
+            times.append(1.0 + plateau + 0.02 * n)
     session.messages(STATE, [[0.0] * 7] * len(times), times)
     step = STATES_EACH // repeats
     sent = [(n, time_s - 0.001) for n, time_s in enumerate(times) if n % step == 0]
@@ -624,14 +632,15 @@ def padded(
 ) -> Session:
     """Let a process report on every n-th state, each time in several lines."""
     describe_diagnosis = [(n, time_s) for n, time_s in enumerate(times) if n % every == 0]
-    said = [
-        (
-            time_s + 0.001 + k * apart_s,
-            f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad",
-        )
-        for n, time_s in describe_diagnosis
-        for k in range(lines)
-    ]
+    said = []
+    for n, time_s in describe_diagnosis:
+        for k in range(lines):
+            said.append(
+                (
+                    time_s + 0.001 + k * apart_s,
+                    f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad",
+                )
+            )
     return session.process("it", said)
 
 

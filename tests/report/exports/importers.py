@@ -262,12 +262,9 @@ def moodle_feedback(content: bytes, users: Iterable[User]) -> dict[str, dict[str
             continue
         while parts:
             info = parts.pop(0).split("_", 4)
-            if (
-                len(info) >= 4
-                and info[1].isdigit()
-                and int(info[1]) in known
-                and info[2] == "assignsubmission"
-            ):
+            if len(info) < 4 or info[2] != "assignsubmission":
+                continue
+            if info[1].isdigit() and int(info[1]) in known:
                 parts.insert(0, info[4] if len(info) > 4 else "")
                 read.setdefault(info[1], {})["/".join(filter(None, parts))] = file
                 break

@@ -35,7 +35,10 @@ _FIXED = ("schema", "outcome", "kind", "rubric_sha256", "isolation")
 
 def check(name: str, outcome: str, earned: float, possible: float, **more: Any) -> dict[str, Any]:
     """Give a check of `result.json`; points neither decided nor earned are undecided."""
-    undecided = possible - earned if outcome in ("inconclusive", "error") else 0
+    if outcome in ("inconclusive", "error"):
+        undecided = possible - earned
+    else:
+        undecided = 0
     plain = {
         "id": name,
         "title": f"Title of {name}",
@@ -58,13 +61,17 @@ def check(name: str, outcome: str, earned: float, possible: float, **more: Any) 
 
 def criterion(name: str, *checks: dict[str, Any]) -> dict[str, Any]:
     """Give a criterion of `result.json` with the sums over its checks."""
-    sums = {key: sum(each[key] for each in checks) for key in ("earned", "possible", "undecided")}
+    sums = {}
+    for key in ("earned", "possible", "undecided"):
+        sums[key] = sum(each[key] for each in checks)
     return {"id": name, "title": f"Criterion {name}", **sums, "checks": list(checks)}
 
 
 def result(*criteria: dict[str, Any], **more: Any) -> dict[str, Any]:
     """Give a `result.json` with the sums over its criteria."""
-    sums = {key: sum(each[key] for each in criteria) for key in ("earned", "possible", "undecided")}
+    sums = {}
+    for key in ("earned", "possible", "undecided"):
+        sums[key] = sum(each[key] for each in criteria)
     plain = {
         "schema": "ros-lab-grader/result/v1",
         "submission": "ann",
@@ -191,7 +198,9 @@ def hostile_results(draw: st.DrawFn) -> dict[str, Any]:
     count = iter(range(10_000))
 
     def text_of(key: str, text: str) -> str:
-        return f"{texts[0]}{text}" if key in _IDS else texts[next(count) % len(texts)]
+        if key in _IDS:
+            return f"{texts[0]}{text}"
+        return texts[next(count) % len(texts)]
 
     plain = with_texts(adjusted_and_tampered(), text_of)
     written: dict[str, Any] = json.loads(json_text(plain))

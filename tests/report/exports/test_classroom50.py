@@ -27,7 +27,11 @@ from tests.report.rendered_markdown import MADE_ACTIVE, Page
 
 def is_score(value: Any) -> bool:
     """Say if a value is a whole number from 0 on; a truth value is none."""
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    if not isinstance(value, int):
+        return False
+    if isinstance(value, bool):
+        return False
+    return value >= 0
 
 
 def require_origin(data: dict[str, Any]) -> None:
@@ -134,7 +138,12 @@ def test_any_points_make_a_valid_file(parts: list[tuple[Decimal, Decimal, bool]]
     checks = []
     for n, (one, other, decided) in enumerate(parts):
         earned, possible = float(min(one, other)), float(max(one, other))
-        outcome = "inconclusive" if not decided else "passed" if earned == possible else "partial"
+        if not decided:
+            outcome = "inconclusive"
+        elif earned == possible:
+            outcome = "passed"
+        else:
+            outcome = "partial"
         checks.append(check(f"a.{n}", outcome, earned if decided else 0.0, possible))
     plain = result(criterion("a", *checks))
     for key in ("earned", "possible", "undecided"):

@@ -162,10 +162,9 @@ def test_any_key_column_of_any_table_gives_each_student_their_own_points(
 
     Both treatments of empty cells by Moodle give the same.
     """
-    users = [
-        User(f"{n}", f"S{n}", f"{n:04}", f"login{n}", f"s{n}@uni.example")
-        for n in range(len(known))
-    ]
+    users = []
+    for n in range(len(known)):
+        users.append(User(f"{n}", f"S{n}", f"{n:04}", f"login{n}", f"s{n}@uni.example"))
     entries = []
     for user, facts in zip(users, known, strict=True):
         person = Person(user.name, **{fact: getattr(user, fact) for fact in facts})
@@ -372,9 +371,10 @@ def test_what_a_grade_book_exports_is_a_class_list(
     listed = tmp_path / "list/class.csv"
     listed.write_text(exported, encoding=encoding)
     given = graded(system, tmp_path, rubric)
-    entries = [
-        entry for entry in with_roster(given.entries, read_class_list(listed)) if entry.result
-    ]
+    entries = []
+    for entry in with_roster(given.entries, read_class_list(listed)):
+        if entry.result:
+            entries.append(entry)
     returned = CLASS_EXPORTS["brightspace"].render(ReturnedClass(entries, given.folder))
     assert importers.brightspace(returned.content, USERS, Decimal(100)) == {"Lab 1: Nodes": POINTS}
 
@@ -383,10 +383,9 @@ def test_numbers_of_two_systems_are_not_taken_for_each_other(
     tmp_path: Path, rubric: Rubric
 ) -> None:
     """Canvas' user 12 is somebody else than Moodle's participant 12; names tell, and each gets its own numbers."""
-    others = [
-        User(number, user.name, user.student_id, user.login)
-        for number, user in zip("213", USERS, strict=True)
-    ]
+    others = []
+    for number, user in zip("213", USERS, strict=True):
+        others.append(User(number, user.name, user.student_id, user.login))
     others = [User(f"1{user.number}", user.name, user.student_id, user.login) for user in others]
     given = graded("Moodle", tmp_path, rubric, canvas_export(others))
     (scores,) = importers.canvas(CLASS_EXPORTS["canvas"].render(given).content, others, {}).values()
@@ -414,9 +413,9 @@ Eve,0005,Green
 Fay,0006,Green
 Gus,0007,Green
 """
-    names = [
-        f"submissions/{name}/joint_publisher.py" for name in ("ann", "Blue_Whales", "eve", "fay")
-    ]
+    names = []
+    for name in ("ann", "Blue_Whales", "eve", "fay"):
+        names.append(f"submissions/{name}/joint_publisher.py")
     sources = taken_in(tmp_path, rubric, names, listed)
     assert [source.name for source in sources] == ["ann", "Blue_Whales", "eve", "fay"]
     returned = CLASS_EXPORTS["brightspace"].render(given_back(tmp_path, sources))

@@ -26,7 +26,10 @@ def made(script: str) -> tuple[set[str], list[str]]:
     fact = PackageFact("mine", "ws/mine", "ament_cmake")
     texts = {**DEFINED, "ws/mine/CMakeLists.txt": script, "msg/Other.msg": "int8 x\n"}
     record = SubmissionRecord("s", texts=texts, packages=[fact])
-    files = {file for package in interface_packages(record) for file in package.files}
+    files = set()
+    for package in interface_packages(record):
+        for file in package.files:
+            files.add(file)
     return files, interface_problems(fact, texts)
 
 
