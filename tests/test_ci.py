@@ -88,7 +88,7 @@ def test_shell_scripts_are_sound(script: str) -> None:
     assert (ROOT / script).stat().st_mode & 0o111
 
 
-@pytest.mark.parametrize("file", ["Dockerfile", ".dockerignore", "docs/ci.md"])
+@pytest.mark.parametrize("file", ["Dockerfile", "Dockerfile.ros", ".dockerignore", "docs/ci.md"])
 def test_all_that_an_installation_is_made_of_goes_along(file: str) -> None:
     """The image and Gradescope's archive have the files that the package's build includes."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))

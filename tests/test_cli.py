@@ -253,6 +253,22 @@ def test_no_such_interpreter(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert (status, "Check --python" in errors) == (5, True)
 
 
+def test_no_such_installation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An installation that is not there ends with 5, also if the lab names it; the option has priority."""
+    pytest.importorskip("rclpy")
+    alice = ROOT / "submissions/alice"
+    status, _, errors = run(capsys, alice, "--ros", tmp_path / "option", "-o", tmp_path / "out")
+    assert (status, f"{tmp_path}/option: there is no rclpy" in errors) == (5, True)
+    lab = shutil.copytree(ROOT / "labs/talker-relay", tmp_path / "lab")
+    text = (lab / "rubric.yaml").read_text(encoding="utf-8")
+    named = text.replace("lab: {", f'lab: {{environment: "{tmp_path}/named", ', 1)
+    (lab / "rubric.yaml").write_text(named, encoding="utf-8")
+    status, _, errors = run(capsys, alice, "--lab", lab, "-o", tmp_path / "out")
+    assert (status, f"{tmp_path}/named: there is no rclpy" in errors) == (5, True)
+    status, _, errors = run(capsys, alice, "--lab", lab, "--ros", tmp_path / "option")
+    assert (status, f"{tmp_path}/option: there is no rclpy" in errors) == (5, True)
+
+
 def test_an_interpreter_without_ros(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """An interpreter that cannot import rclpy ends with 5, before any submission fails for it."""
     pytest.importorskip("rclpy")

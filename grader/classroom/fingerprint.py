@@ -95,10 +95,9 @@ def options_sha256(options: Options) -> str:
 
 
 def _of_installation(ros: Installation | None) -> Iterator[object]:
-    """Yield the version and the packages of an installation of ROS for students' programs."""
+    """Yield the facts about an installation of ROS for students' programs."""
     if ros is not None:
-        yield str(ros)
-        yield ros.packages()
+        yield from ros.facts()
 
 
 def judging_sha256(options: Options, name: str, submission_time: str, lab: str) -> str:

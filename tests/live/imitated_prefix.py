@@ -29,6 +29,8 @@ _OF_SYSTEM = (
     "setuptools",
     "typing_extensions",
 )
+#: Folders of a prefix with files of the wheels.
+_FOLDERS = ("include", "lib", "share", "tools")
 _SETUP = """\
 export ROS_DISTRO={distribution}
 export ROS_VERSION=2
@@ -51,9 +53,9 @@ def imitate(prefix: Path, environment: Path = Path(sys.prefix)) -> Path:
     modules = environment / MODULES
     for wheel in _wheels(modules):
         for file in wheel.files or ():
-            origin = Path(os.path.normpath(modules / file))
-            path = origin.relative_to(environment)
-            if path.parts[0] in ("lib", "share") and origin.suffix != ".pth":
+            origin = Path(os.path.realpath(modules / file))
+            path = origin.relative_to(environment.resolve())
+            if path.parts[0] in _FOLDERS and origin.suffix != ".pth":
                 _link(origin, prefix / path)
     libraries = [prefix / "lib", *sorted((prefix / MODULES).glob("ros_*.libs"))]
     text = _SETUP.format(

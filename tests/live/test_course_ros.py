@@ -65,6 +65,19 @@ def test_the_solution_loses_nothing_on_an_installation_with_the_real_launch(
     assert versions["students' ROS"].endswith(f" in {prefix}")
 
 
+def test_the_examination_accepts_an_installation(prefix: Path, tmp_path: Path) -> None:
+    """The last step of Dockerfile.ros names version, interpreter and packages; machines differ in all other lines."""
+    said = grade("doctor", "--ros", prefix, cwd=tmp_path).stdout
+    lines = [line for line in said.split("\n") if " ROS 2" in line]
+    assert len(lines) == 3, said
+    assert all(line.startswith("PASS") for line in lines), said
+    assert f"Jazzy (rclpy 7.1.5) in {prefix}, for {system_python()}" in lines[0]
+    assert "rclpy can be imported, with rmw_fastrtps_cpp" in lines[1]
+    dockerfile = (ROOT / "Dockerfile.ros").read_text(encoding="utf-8")
+    assert "RUN grade doctor --ros /opt/ros/jazzy" in dockerfile
+    assert 'grep -q "rclpy can be imported"' in dockerfile
+
+
 @only_in_thorough
 def test_the_solution_loses_nothing_with_numpy_of_jazzy(prefix: Path, tmp_path: Path) -> None:
     """Without the real launch in the prefix, the stand-in evaluates launch files."""

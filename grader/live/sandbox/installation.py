@@ -20,6 +20,8 @@ _PACKAGES = "share/ament_index/resource_index/packages"
 _MODULES = ("lib/python3.*/site-packages", "lib/python3.*/dist-packages")
 #: Folders with the system's programs.
 SYSTEM_PATH = ("/usr/local/bin", "/usr/bin", "/bin")
+#: Folders of a prefix that change with its files.
+_DATED = ("include", "lib", "share")
 #: Folders of the system outside of `/usr`.
 _OF_SYSTEM = (Path("/"), Path("/bin"))
 #: Search paths of an installation. CMake reads the last one.
@@ -113,8 +115,13 @@ class Installation:
         return package in self.packages()
 
     def facts(self) -> list[object]:
-        """Return the facts on which the outcome of a build depends, in plain types."""
-        return [str(self.interpreter), self.rclpy, sorted(self.paths.items()), self.packages()]
+        """Return the facts on which outcomes depend, in plain types: versions, paths, packages, times of its folders."""
+        found: list[object] = [str(self.interpreter), self.rclpy, sorted(self.paths.items())]
+        found += self.packages()
+        for prefix in self.prefixes:
+            for folder in _DATED:
+                found.append(_changed_ns(Path(prefix, folder)))
+        return found
 
     def packages(self) -> list[str]:
         """Return the names of its packages."""
@@ -175,6 +182,13 @@ def _versions_in(modules: Iterable[str]) -> Iterator[tuple[str, str]]:
             version = re.match(r"rclpy-(\d+\.\d+\.\d+)", path.name)
             if version is not None:
                 yield folder, version[1]
+
+
+def _changed_ns(folder: Path) -> int:
+    """Return the time of the last new or removed entry of a folder; 0 without the folder."""
+    if not folder.is_dir():
+        return 0
+    return folder.stat().st_mtime_ns
 
 
 def shown_at_own_paths(folders: Iterable[Path]) -> dict[str, Path]:
