@@ -15,7 +15,7 @@ from grader.checks.launch import parameter_line
 from grader.evidence import newer_python
 from grader.evidence.crash import diagnosis
 from grader.evidence.near_miss import likeness
-from grader.evidence.text import markup, printed, prose, result_rows, source, words
+from grader.evidence.text import markup, printed, prose, result_rows, sources, words
 from grader.judging.rubrics import read_rubric
 from grader.lab.patterns import Budget, patterns_bounded, search
 from grader.recording.session import OutputLine
@@ -54,7 +54,7 @@ def _read_readme(text: str) -> None:
 
 
 def _read_source(text: str) -> None:
-    (facts,) = source.read_sources({"a.py": text})
+    (facts,) = sources.read_sources({"a.py": text})
     prose.source_passages(facts)
     newer_python.python_needed(text)
     parameter_line(text, 1, "p")
@@ -191,7 +191,7 @@ def test_nested_f_strings_are_read_once_a_level() -> None:
 def test_files_of_thousands_of_functions_are_read() -> None:
     """The parser accepts the files in linear time; the compiler would take quadratic time."""
     began_s = time.process_time()
-    (facts,) = source.read_sources(
+    (facts,) = sources.read_sources(
         {"a.py": "def f():\n  pass\n  pass\n  pass\n  pass\n  pass\n" * 4_000}
     )
     assert len(facts.units) == 4_001

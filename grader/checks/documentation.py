@@ -30,7 +30,8 @@ from grader.evidence.text.prose import (
     source_passages,
     visible,
 )
-from grader.evidence.text.source import Note, Rules, SourceFacts, Unit, read_sources
+from grader.evidence.text.source import Note, Rules, SourceFacts, Unit
+from grader.evidence.text.sources import read_sources
 from grader.evidence.text.words import Terms, substance
 from grader.lab import references as ref
 from grader.lab.patterns import search
@@ -125,7 +126,7 @@ def _not_read(context: Context) -> list[str]:
 def _sources(
     context: Context, artifacts: Sequence[str], rules: Rules | None = None
 ) -> list[SourceFacts]:
-    """Return the facts of each Python file that holds one or more of the artifacts."""
+    """Return the facts of each source that holds one or more of the artifacts."""
     texts = context.submission.texts
     sources = {}
     for artifact in artifacts:

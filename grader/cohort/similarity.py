@@ -1,9 +1,9 @@
 """Code that programs of a class share, except code from the lab and common code: facts without a verdict. Pure.
 
-A Python file is parsed by tree-sitter, which also accepts incorrect Python. It becomes the kinds of its syntax nodes in
-their order: without names, texts, numbers, comments, annotations, imports and layout. Each `LENGTH` consecutive nodes
-are a fingerprint. Two submissions share the longest runs of equal fingerprints, wherever these are; each node is in one
-run at most.
+A source in Python, C or C++ is parsed by tree-sitter, which also accepts incorrect ones. It becomes the kinds of its
+syntax nodes in their order: without names, texts, numbers, comments, types, imports and layout. Each `LENGTH`
+consecutive nodes are a fingerprint. Two submissions share the longest runs of equal fingerprints, wherever these are;
+each node is in one run at most.
 
 References
 ----------
@@ -21,6 +21,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from pathlib import PurePosixPath
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,7 @@ import tree_sitter
 
 from grader.evidence.text.concrete_syntax import concrete_tree
 from grader.recording.submission import FileFact, SubmissionRecord
+from grader.submission.file_names import C_SUFFIXES
 
 #: Nodes of a fingerprint. On 66 disguised copies and the 125 fixtures, 8 nodes list more pairs with almost no line in
 #: common, and 15 nodes find less of the disguised code.
@@ -55,7 +57,10 @@ _Flags = npt.NDArray[np.bool_]
 
 #: Syntax nodes that are left out with all nodes in them.
 _LEFT_OUT = frozenset(
-    ("comment", "type", "import_statement", "import_from_statement", "future_import_statement")
+    (
+        *("comment", "type", "import_statement", "import_from_statement"),
+        *("future_import_statement", "preproc_include", "using_declaration", "type_descriptor"),
+    )
 )
 #: Syntax nodes that are left out by themselves, because they tell nothing about a program's structure.
 _PASSED_OVER = frozenset(
@@ -63,14 +68,24 @@ _PASSED_OVER = frozenset(
         *("identifier", "module", "block", "expression_statement", "parenthesized_expression"),
         *("decorator", "argument_list", "parameters", "typed_parameter", "typed_default_parameter"),
         *("float", "integer", "ERROR"),
+        *("translation_unit", "compound_statement", "field_identifier", "type_identifier"),
+        *("namespace_identifier", "qualified_identifier", "primitive_type", "number_literal"),
+        *("sized_type_specifier", "parameter_list", "parameter_declaration", "template_type"),
+        *("template_argument_list", "type_qualifier", ";", "::", "<", ">", "&"),
         *(":", ",", ".", "(", ")", "[", "]", "{", "}", "@"),
     )
 )
 
 
+#: Texts; their parts are not compared.
+_TEXTS = frozenset(("string", "string_literal", "raw_string_literal", "char_literal"))
+#: Added to the kinds of C and C++, so that none is a kind of Python.
+_KINDS_OF_C = 10_000
+
+
 @dataclass(frozen=True)
 class Program:
-    """The Python files of a submission, as the kinds of their syntax nodes one after the other."""
+    """The sources of a submission, as the kinds of their syntax nodes one after the other."""
 
     name: str
     sha256: str
@@ -151,13 +166,16 @@ class Similarity:
 # -- a submission ------------------------------------------------------------------------------
 
 
-def nodes_of(text: str, most: int = MOST_NODES) -> list[tuple[int, int]]:
-    """Return kind and line of a Python text's structural nodes, at most some number of them.
+def nodes_of(text: str, most: int = MOST_NODES, language: str = "python") -> list[tuple[int, int]]:
+    """Return kind and line of a text's structural nodes, at most some number of them.
 
     A text that takes the parser too long for code has none.
     """
     found: list[tuple[int, int]] = []
-    tree = concrete_tree(text.encode("utf-8", "replace"))
+    tree = concrete_tree(text.encode("utf-8", "replace"), language)
+    added = 0
+    if language != "python":
+        added = _KINDS_OF_C
     if tree is None:
         return found
     waiting = [tree.root_node]
@@ -166,8 +184,8 @@ def nodes_of(text: str, most: int = MOST_NODES) -> list[tuple[int, int]]:
         if node.type in _LEFT_OUT or _is_docstring(node):
             continue
         if node.type not in _PASSED_OVER:
-            found.append((node.kind_id, node.start_point[0] + 1))
-        if node.type != "string":
+            found.append((node.kind_id + added, node.start_point[0] + 1))
+        if node.type not in _TEXTS:
             waiting += reversed(node.children)
     return found
 
@@ -178,11 +196,21 @@ def _is_docstring(node: tree_sitter.Node) -> bool:
     return [child.type for child in node.children] == ["string"]
 
 
+def _language(path: str) -> str:
+    """Return the language of a source by its ending; empty for another file."""
+    suffix = PurePosixPath(path).suffix
+    if suffix in C_SUFFIXES:
+        return "cpp"
+    if suffix == ".py":
+        return "python"
+    return ""
+
+
 def program_of(record: SubmissionRecord) -> Program:
-    """Return the Python files of a submission; if these are too much, the largest are left out."""
+    """Return the sources of a submission; if these are too much, the largest are left out."""
     texts = {}
     for path, text in record.texts.items():
-        if path.endswith(".py"):
+        if _language(path):
             texts[path] = text
 
     def size(path: str) -> tuple[int, str]:
@@ -194,7 +222,8 @@ def program_of(record: SubmissionRecord) -> Program:
     lines: list[int] = []
     for place, path in enumerate(paths):
         # One node too many shows that the program was cut.
-        for kind, line in nodes_of(texts[path], MOST_NODES + 1 - len(kinds)):
+        left = MOST_NODES + 1 - len(kinds)
+        for kind, line in nodes_of(texts[path], left, _language(path)):
             kinds.append(kind)
             places.append(place)
             lines.append(line)

@@ -100,9 +100,11 @@ def cases() -> list[Case]:
 def kept_builds() -> dict[str, list[BuildFact]]:
     """Return the kept builds of the cases by their kinds."""
     plain = json.loads(_BUILDS.read_text(encoding="utf-8"))
-    found = {}
+    found: dict[str, list[BuildFact]] = {}
     for kind, builds in plain.items():
-        found[kind] = [from_plain(BuildFact, build) for build in builds]
+        found[kind] = []
+        for build in builds:
+            found[kind].append(from_plain(BuildFact, build))
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import time
 from collections import Counter
 from itertools import chain, combinations
@@ -261,3 +262,31 @@ def test_too_much_is_cut_from_the_largest_file() -> None:
     padded = program("ada", {"own.py": own, "large.py": "f(x)\n" * MOST_NODES})
     assert padded.cut
     assert len(pairs_of([padded, program("bob", {"b.py": own})])) == 1
+
+
+def test_a_disguised_copy_in_c_is_found() -> None:
+    """Other names, numbers and comments hide nothing; a program of another author shares nothing."""
+    folder = ROOT / "tests/compiled_lab/submissions"
+    text = (folder / "correct/c_talker/src/talker.c").read_text(encoding="utf-8")
+    other = (folder / "needs_rclcpp/c_talker/src/talker.cpp").read_text(encoding="utf-8")
+    disguised = re.sub(r"//.*", "", text)
+    for name, renamed in {"count": "number_of_all", "stop": "ends", "20": "31"}.items():
+        disguised = disguised.replace(name, renamed)
+    disguised = f"/* My own work. */\n{disguised}".replace("  ", "\t")
+    programs = [
+        program("ann", {"src/talker.c": text}),
+        program("ben", {"src/main.cpp": disguised}),
+        program("cem", {"src/talker.cpp": other}),
+    ]
+    (pair,) = pairs_of(programs)
+    assert pair.names == ("ann", "ben")
+    assert min(pair.shares) > 0.9
+
+
+def test_kinds_of_two_languages_differ() -> None:
+    """The same number of a kind in another grammar is another kind."""
+    python = {kind for kind, _ in nodes_of("def f(a):\n    return a + 1\n")}
+    c = {kind for kind, _ in nodes_of("int f(int a) { return a + 1; }", language="cpp")}
+    assert python
+    assert c
+    assert python.isdisjoint(c)

@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from grader.evidence.text.markup import Block, Section, read_markdown
-from grader.evidence.text.source import read_sources
+from grader.evidence.text.sources import read_sources
 from grader.evidence.text.words import fingerprint, normal_form, sentences
 from grader.lab.rubric import FINGERPRINTS_ENDING
 from grader.result import EVIDENCE_LINE
+from grader.submission.file_names import C_SUFFIXES
 
 #: Words from which a sentence is known again; anybody may write a shorter one.
 _LEAST_WORDS = 5
-_SOURCE_ENDING = ".py"
+_SOURCE_ENDINGS = (".py", *C_SUFFIXES)
 
 
 @dataclass(frozen=True)
@@ -35,14 +36,14 @@ class GivenText:
 
     @classmethod
     def of(cls, texts: dict[str, str]) -> GivenText:
-        """Return the sentences of texts by their paths: documents, docstrings and comments of Python files, fingerprints."""
+        """Return the sentences of texts by their paths: documents, docstrings and comments of sources, fingerprints."""
         sources = {}
         blocks: list[Block] = []
         known: list[str] = []
         for path, text in texts.items():
             if path.endswith(FINGERPRINTS_ENDING):
                 known += text.split()
-            elif path.endswith(_SOURCE_ENDING):
+            elif path.endswith(_SOURCE_ENDINGS):
                 sources[path] = text
             else:
                 blocks += _blocks(read_markdown(text))

@@ -1,4 +1,4 @@
-"""Explanations in a student's Python source: files, classes and functions, and the notes that explain them.
+"""Explanations in a student's source: files, classes and functions, and the notes that explain them.
 
 Text is parsed, never imported or run. Lines that Python refuses are left out, because a typing error must not cost
 points a second time as missing documentation.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import PurePosixPath
@@ -69,6 +69,8 @@ class Note:
     fault: str = ""
     #: The line of code next to the note, or the file's name.
     beside: str = ""
+    #: True for a docstring in front of its class or function, as in C++.
+    in_front: bool = False
 
 
 @dataclass
@@ -103,31 +105,44 @@ class Unit:
 
 @dataclass(frozen=True)
 class SourceFacts:
-    """Units and notes of one Python file."""
+    """Units and notes of one file."""
 
     path: str
     #: The file first, then its classes and functions.
     units: tuple[Unit, ...]
     #: In the order of their lines.
     notes: tuple[Note, ...]
-    #: True if the definitions are known: Python accepts the file, possibly without a few lines.
+    #: True if the definitions are known: the parser accepts the file, possibly without a few lines.
     readable: bool = True
 
 
-def read_sources(texts: Mapping[str, str], rules: Rules | None = None) -> list[SourceFacts]:
-    """Read Python files by their paths. A text that is repeated in the same words explains once. Never raises.
+def read_python(path: str, text: str, rules: Rules, said: set[str]) -> SourceFacts:
+    """Read a Python file. A text in `said` explains nothing again. Never raises.
 
     A note explains the innermost unit around it or directly below it. Some units share the notes of the unit around
     them: a constructor, a short or nested function, the only class of a file, and the only function of a file without
     classes. `main` needs no explanation if there is another unit.
     """
-    rules = rules or Rules()
-    said: set[str] = set()
-    return [_Reader(path, text, rules).read(said) for path, text in texts.items()]
+    whole = normalise(text)
+    blank = blank_out(whole)
+    tree = tree_of(whole) or _repaired(whole, blank)
+    code = [*blank.split("\n"), ""]
+    file = file_unit(path, blank, rules)
+    scopes: list[Scope] = []
+    if tree is not None:
+        scopes += _scopes(tree, file, rules)
+    notes = [*_comments(whole, code), *_strings(tree)]
+    return Reader(path, file, code, scopes, rules).read(notes, tree is not None, said)
+
+
+def file_unit(path: str, blank: str, rules: Rules) -> Unit:
+    """Return the unit of a whole file; a file without code needs no explanation."""
+    is_empty = not blank.strip("_ \n")
+    return Unit(PurePosixPath(path).name, 1, needed=not is_empty, comment_words=rules.file_words)
 
 
 @dataclass(frozen=True)
-class _Scope:
+class Scope:
     """The lines of a class or function."""
 
     #: First line, with the decorators.
@@ -139,34 +154,28 @@ class _Scope:
     is_class: bool
 
 
-class _Reader:
-    """Reads one file."""
+class Reader:
+    """Gives the notes of one file to its units."""
 
-    def __init__(self, path: str, text: str, rules: Rules) -> None:
+    def __init__(
+        self, path: str, file: Unit, code: list[str], scopes: list[Scope], rules: Rules
+    ) -> None:
         self._path = path
         self._rules = rules
-        self._whole = normalise(text)
-        blank = blank_out(self._whole)
-        self._tree = tree_of(self._whole) or _repaired(self._whole, blank)
-        self._code = [*blank.split("\n"), ""]
-        self._below = _next_lines_of_code(self._code)
-        is_empty = not blank.strip("_ \n")
-        name = PurePosixPath(path).name
-        self._file = Unit(name, 1, needed=not is_empty, comment_words=rules.file_words)
-        self._scopes: list[_Scope] = []
-        if self._tree is not None:
-            self._scopes += _scopes(self._tree, self._file, rules)
+        self._code = code
+        self._below = _next_lines_of_code(code)
+        self._file = file
+        self._scopes = scopes
         #: The innermost scope of each line, from 1.
-        self._owners: list[_Scope | None] = [None] * (len(self._code) + 1)
-        self._begins: dict[int, _Scope] = {}
-        for scope in self._scopes:
+        self._owners: list[Scope | None] = [None] * (len(code) + 1)
+        self._begins: dict[int, Scope] = {}
+        for scope in scopes:
             size = scope.last + 1 - scope.first
             self._owners[scope.first : scope.last + 1] = [scope] * size
             self._begins[scope.first] = scope
 
-    def read(self, said: set[str]) -> SourceFacts:
+    def read(self, notes: list[Note], readable: bool, said: set[str]) -> SourceFacts:
         """Return the facts of the file, and add the texts of its notes to those already said."""
-        notes = [*_comments(self._whole, self._code), *_strings(self._tree)]
         notes.sort(key=lambda note: note.line)
         for note in notes:
             owner = self._owner(note)
@@ -176,9 +185,9 @@ class _Reader:
             unit = owner.unit if owner is not None else self._file
             unit.notes.append(note)
         units = _units(self._file, self._scopes)
-        return SourceFacts(self._path, units, tuple(notes), self._tree is not None)
+        return SourceFacts(self._path, units, tuple(notes), readable)
 
-    def _owner(self, note: Note) -> _Scope | None:
+    def _owner(self, note: Note) -> Scope | None:
         """Return the scope that begins below a comment, or else the innermost scope around a note."""
         if _is_above_code(note):
             owner = self._begins.get(self._below[note.last])
@@ -186,7 +195,7 @@ class _Reader:
                 return owner
         return self._owners[note.line]
 
-    def _beside(self, note: Note, owner: _Scope | None) -> str:
+    def _beside(self, note: Note, owner: Scope | None) -> str:
         """Return the line of code that a note is about, or the file's name."""
         if note.kind == "docstring":
             if owner is None:
@@ -197,10 +206,12 @@ class _Reader:
 
 
 def _is_above_code(note: Note) -> bool:
-    return note.kind == "comment" and not note.inline
+    if note.inline:
+        return False
+    return note.kind == "comment" or note.in_front
 
 
-def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[_Scope]:
+def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[Scope]:
     """Yield classes and functions, the outer ones first; without recursion, because trees can be deep."""
     alone = _only_unit(tree)
     stack: list[tuple[ast.AST, Unit, bool]] = [(tree, file, False)]
@@ -215,7 +226,7 @@ def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[_Scope]:
             if not shares_notes:
                 unit = Unit(node.name, node.lineno, needed=node.name != "main")
             within = within or is_function
-            yield _Scope(
+            yield Scope(
                 _first_line(node),
                 node.end_lineno or node.lineno,
                 node.lineno,
@@ -260,7 +271,7 @@ def _speaks_for_itself(node: _Definition, rules: Rules) -> bool:
     return lines < rules.function_lines and node.name != "main"
 
 
-def _units(file: Unit, scopes: Sequence[_Scope]) -> tuple[Unit, ...]:
+def _units(file: Unit, scopes: Sequence[Scope]) -> tuple[Unit, ...]:
     """Return all units. Classes explain their file too, and so does `main` if it is the only unit."""
     by_id: dict[int, Unit] = {}
     for scope in scopes:

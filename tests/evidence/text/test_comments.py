@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from grader.evidence.text.source import Note, Rules, read_sources
+from grader.evidence.text.source import Note, Rules
+from grader.evidence.text.sources import read_sources
 
 RULES = Rules(placeholders=(r"^\W*(?:todo|fixme)\b(?:\W+\w+){0,6}\W*$",))
 

@@ -20,7 +20,7 @@ from grader.evidence.text.prose import (
     source_passages,
     visible,
 )
-from grader.evidence.text.source import read_sources
+from grader.evidence.text.sources import read_sources
 from grader.evidence.text.words import Terms
 from tests.thorough import part
 

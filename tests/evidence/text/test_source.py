@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.text.source import Rules, SourceFacts, read_sources
+from grader.evidence.text.source import Rules, SourceFacts
+from grader.evidence.text.sources import read_sources
 from tests.thorough import part
 
 DOCUMENTED = '''"""Publish joint commands for the arm."""
