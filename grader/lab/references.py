@@ -809,7 +809,10 @@ def _definitions(source: bytes) -> dict[str, Definition]:
     for node in ast.parse(source).body:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             found[node.name] = node
-    return {name: Definition(node, found) for name, node in found.items()}
+    definitions: dict[str, Definition] = {}
+    for name, defined in found.items():
+        definitions[name] = Definition(defined, found)
+    return definitions
 
 
 def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
