@@ -16,13 +16,16 @@ from ros_bag.definitions import DefinitionNotFound, definition_of, share_folders
 from ros_bag.interfaces import InterfacePackage, shipped_packages
 
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-#: Packages of Jazzy that `rosbags` describes; an import of these descriptions takes 0.05 s.
+#: Packages of Jazzy in `rosbags`. Importing their descriptions takes 0.05 s.
 PACKAGES_OF_ROSBAGS = frozenset(
-    {"action_msgs", "actionlib_msgs", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs"}
-    | {"lifecycle_msgs", "nav_msgs", "rcl_interfaces", "rmw_dds_common", "rosbag2_interfaces"}
-    | {"rosgraph_msgs", "sensor_msgs", "service_msgs", "shape_msgs", "statistics_msgs", "std_msgs"}
-    | {"stereo_msgs", "tf2_msgs", "trajectory_msgs", "type_description_interfaces"}
-    | {"unique_identifier_msgs", "visualization_msgs"}
+    re.findall(
+        r"\w+",
+        """
+    action_msgs actionlib_msgs builtin_interfaces diagnostic_msgs geometry_msgs lifecycle_msgs nav_msgs rcl_interfaces
+    rmw_dds_common rosbag2_interfaces rosgraph_msgs sensor_msgs service_msgs shape_msgs statistics_msgs std_msgs
+    stereo_msgs tf2_msgs trajectory_msgs type_description_interfaces unique_identifier_msgs visualization_msgs
+        """,
+    )
 )
 _PRIMITIVE_NUMBER = re.compile(r"float\d+|u?int\d+|bool|boolean|byte|octet|char|double|float")
 #: Packages with definitions at hand, which need not be installed here.
@@ -87,7 +90,7 @@ def _spelled_fields(fields: Sequence[tuple[str, tuple[int, Any]]]) -> Mapping[st
 
 @lru_cache(maxsize=32)
 def _types_of_rosbags(package: str) -> Mapping[str, Any]:
-    """Return the types of a package as `rosbags` describes them; none without the package."""
+    """Return the types in `rosbags`; none for a package without types there."""
     if package not in PACKAGES_OF_ROSBAGS:
         return {}
     from rosbags.typesys import Stores, get_typestore

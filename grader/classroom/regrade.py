@@ -155,9 +155,11 @@ def regrade(
             remedy="Give a folder of results, e.g. results/ for a class or results/alice for one submission.",
         )
     results = folders[0].resolve().parent
-    rubrics: LoadedRubrics = {} if loaded is None else loaded
+    rubrics: LoadedRubrics = {}
+    if loaded is not None:
+        rubrics = loaded
     measures, failed = _measures(results, folders, rubric, overrides, rubrics, trusted=trusted)
-    if measures and loaded is not None:
+    if loaded is not None:
         _prepare(measures)
     found = regrade_all(results, measures, pages=pages, again=again, jobs=jobs, on_judged=on_judged)
     return replace(found, failed=dict(sorted({**failed, **found.failed}.items())))
@@ -193,9 +195,10 @@ def regrade_all(
 
 
 def _prepare(measures: Mapping[Path, Measure]) -> None:
-    """Prepare this process, by the first submission, for the forks that judge."""
-    folder, (rubric, _) = next(iter(measures.items()))
-    judgement.prepare(rubric, (folder / RECORDINGS).glob(f"*/{METADATA_FILE}"))
+    """Prepare this process, by the first submission, for its judging forks."""
+    for folder, (rubric, _) in measures.items():
+        judgement.prepare(rubric, (folder / RECORDINGS).glob(f"*/{METADATA_FILE}"))
+        break
 
 
 def _measures(

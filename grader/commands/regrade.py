@@ -98,8 +98,10 @@ def run(arguments: Sequence[str], console: Console) -> int:
     singles = [folder for folder in options.results if folder not in classes]
     statuses = [_regrade_class(folder, options, console) for folder in classes]
     if singles:
-        # A single submission is judged once, without a preparation that others would share.
-        loaded: LoadedRubrics | None = {} if len(singles) > 1 else None
+        # A preparation for others is of no use to a single submission.
+        loaded: LoadedRubrics | None = None
+        if len(singles) > 1:
+            loaded = {}
 
         def regrade_one(folder: Path) -> Decimal:
             return _regrade_one(folder, options, console, loaded)

@@ -45,7 +45,7 @@ def load_file(lab_folder: Path, file: str) -> ModuleType:
 
 @lru_cache(maxsize=64)
 def compiled(text: bytes, file: str) -> CodeType:
-    """Return the code of a file of a lab, without executing it; a process that is prepared has it for its forks."""
+    """Return the code of a file of a lab, without executing it; forks of a prepared process share it."""
     return compile(text, file, "exec")
 
 

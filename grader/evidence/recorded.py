@@ -491,8 +491,10 @@ class Recorded:
         within_ns = np.minimum(start_ns + length_ns, span.end_ns) - first_ns
         delays_ns = np.minimum(delay_ns, np.maximum(within_ns, 0))
         delay_s = float(delays_ns.sum()) / 1e9
-        if run.role != "student" or not delay_s:
+        if run.role != "student":
             return delay_s
+        if not delay_s:
+            return 0.0
         most_s = self._others_around_s(run, span)
         return max(0.0, min(delay_s - self._unseen_s(span), most_s))
 

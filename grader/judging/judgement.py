@@ -152,7 +152,7 @@ _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.
 #: Types of the topics that every node has.
 _OF_EVERY_NODE = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
 _MESSAGE_TYPE = re.compile(r"\b\w+/msg/\w+")
-#: Hashes of prepared rubrics; forked processes inherit them.
+#: Hashes of rubrics. This process, or its parent, is prepared for each.
 _prepared: set[str] = set()
 
 
@@ -200,11 +200,9 @@ def _compile_decoders(types: Iterable[str]) -> None:
 
 def _compile_functions(rubric: Rubric) -> None:
     """Compile the files with the functions of a lab's checks and figures, without executing them."""
-    files = set()
     for function in rubric.functions + rubric.functions_of_figures:
-        files.add(function.partition(":")[0])
-    for file in files:
-        # A mistake is reported by the check that needs the file.
+        file = function.partition(":")[0]
+        # The check reports a mistake in its file.
         with suppress(OSError, SyntaxError, ValueError):
             compiled((rubric.folder / file).read_bytes(), file)
 

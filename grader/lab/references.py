@@ -809,9 +809,9 @@ def _definitions(source: bytes) -> dict[str, Definition]:
     for node in ast.parse(source).body:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             found[node.name] = node
-    definitions = {}
-    for name, node in found.items():
-        definitions[name] = Definition(node, found)
+    definitions: dict[str, Definition] = {}
+    for name, defined in found.items():
+        definitions[name] = Definition(defined, found)
     return definitions
 
 

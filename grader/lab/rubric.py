@@ -584,7 +584,7 @@ class Rubric(RubricFile):
 
     @cached_property
     def names_in_checks(self) -> frozenset[str]:
-        """Names in the ROS graph that checks refer to or seek."""
+        """Names of the ROS graph in the checks."""
         found: set[str] = set()
         for spec in self.checks():
             found.update(spec.given.references().names)

@@ -13,7 +13,7 @@ from grader.judging.rubrics import read_rubric
 from tests.regraded import judge_results
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Of the live half, of the review desk, of a class, and parts of libraries that are not needed.
+#: Modules of the live half, of the review desk, of a class, and parts of libraries.
 NOT_FOR_REGRADING = {
     "rclpy", "asyncio", "subprocess", "scipy", "mujoco", "colcon_core", "grader.live", "confine.running",
     "starlette", "uvicorn", "grader.desk",

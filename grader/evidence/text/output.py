@@ -57,9 +57,9 @@ def read_output(output: Sequence[OutputLine]) -> list[OutputLine]:
     """Return the lines for the search of numbers: without tracebacks and prefixes, with decimal points."""
     lines: list[OutputLine] = []
     for line in _without_tracebacks(plain_output(output)):
-        prefix = _PREFIX.match(line.text)
-        if prefix is not None and prefix.end():
-            line = replace(line, text=line.text[prefix.end() :])
+        text = _PREFIX.sub("", line.text, count=1)
+        if text != line.text:
+            line = replace(line, text=text)
         lines.append(line)
     if not _has_decimal_commas(lines):
         return lines
@@ -69,7 +69,9 @@ def read_output(output: Sequence[OutputLine]) -> list[OutputLine]:
 def _has_decimal_commas(lines: Sequence[OutputLine]) -> bool:
     """Tell whether a line has a number that only a decimal comma explains."""
     for line in lines:
-        if "," in line.text and _FRACTION.search(_PAIR.sub("", line.text)):
+        if "," not in line.text:
+            continue
+        if _FRACTION.search(_PAIR.sub("", line.text)):
             return True
     return False
 
