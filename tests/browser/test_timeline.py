@@ -156,3 +156,46 @@ def test_a_phone_shows_the_lanes(chromium: Browser, solution: Path) -> None:
         assert picture["height"] == pytest.approx(names["height"], abs=1)
         assert picture["width"] > 200
         assert seen.page.evaluate("document.documentElement.scrollWidth") == PHONE[0]
+
+
+def test_a_dragged_span_limits_output_moments_and_figures(
+    chromium: Browser, solution: Path
+) -> None:
+    """Lines and moments outside are hidden, and figures of the session are veiled there, until all is asked for."""
+    with visit(chromium, solution) as seen:
+        timeline = opened(seen.page, "subscriber")
+        session = seen.page.locator(f"{ROOM}subscriber")
+        picture = timeline.locator(".tl-picture")
+        picture.scroll_into_view_if_needed()
+        box = picture.bounding_box()
+        assert box is not None
+        seen.page.mouse.move(box["x"] + box["width"] * 0.3, box["y"] + 15)
+        seen.page.mouse.down()
+        seen.page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 15, steps=4)
+        seen.page.mouse.up()
+        read = timeline.locator(".tl-read")
+        expect(read).to_contain_text("s: output, moments and figures")
+        told = re.search(r"Only ([\d.]+)–([\d.]+) s", read.inner_text())
+        assert told is not None
+        kept = session.locator(".out:not(.outside) i").all_text_contents()
+        times = [float(text.split()[0]) for text in kept]
+        assert times
+        assert float(told[1]) - 0.001 <= min(times) <= max(times) <= float(told[2]) + 0.001
+        expect(session.locator(".out.outside")).not_to_have_count(0)
+        expect(session.locator("tr.outside")).not_to_have_count(0)
+        expect(seen.page.locator("figure[data-session=subscriber] .veil")).not_to_have_count(0)
+        expect(seen.page.locator("figure[data-session=service] .veil")).to_have_count(0)
+        read.get_by_role("button", name="whole session").click()
+        expect(seen.page.locator(".outside, .veil")).to_have_count(0)
+
+
+def test_brackets_limit_the_time_by_the_keyboard(chromium: Browser, solution: Path) -> None:
+    """The span begins and ends at chosen moments; Escape takes it away."""
+    with visit(chromium, solution) as seen:
+        timeline = opened(seen.page, "subscriber")
+        timeline.get_by_role("group", name="Timeline of subscriber").focus()
+        for key in (*["ArrowRight"] * 6, "[", "End", "]"):
+            seen.page.keyboard.press(key)
+        expect(timeline.locator("tr.outside")).not_to_have_count(0)
+        seen.page.keyboard.press("Escape")
+        expect(timeline.locator("tr.outside")).to_have_count(0)

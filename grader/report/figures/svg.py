@@ -55,6 +55,8 @@ class Canvas:
         self.width = width
         self.height = 0.0
         self.marks: list[Markup] = []
+        #: Edges of the time axis in px, and the seconds of the session there; empty without one.
+        self.time_axis = ""
 
     @property
     def narrow(self) -> bool:
@@ -149,6 +151,7 @@ class Figure:
             viewBox=f"0 0 {width} {canvas.height}",
             role="img",
             aria_labelledby=f"{name}-t {name}-d",
+            data_time=canvas.time_axis,
             class_="chart",
         )
 
@@ -299,6 +302,8 @@ class Frame:
     def x_axis(self, label: str, scale: float = 1.0) -> None:
         """Draw the axis at the bottom with its numbers."""
         canvas = self.canvas
+        if label == SINCE:
+            canvas.time_axis = f"{self.left} {self.right} {self.x.low:.3f} {self.x.high:.3f}"
         canvas.horizontal(self.left, self.right, self.bottom, "axis")
         most = round((self.right - self.left) / 75)
         for value in ticks(self.x.low * scale, self.x.high * scale, most):

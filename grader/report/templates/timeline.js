@@ -56,6 +56,65 @@
       var micros = Math.round(at * 1e6) + Number(started.slice(-9)) / 1e3, whole = Number(started.slice(0, -9));
       return (whole + Math.floor(micros / 1e6)) + "." + String(Math.round(micros % 1e6 / 1e3) % 1000).padStart(3, "0");
     }
+    // A dragged span, or one between the keys [ and ], leaves output, moments and the light part of figures within it.
+    var span = null, brushed = false, brush = picture.appendChild(document.createElementNS(picture.namespaceURI, "rect"));
+    brush.setAttribute("class", "tl-brush");
+    brush.setAttribute("height", "100%");
+    function within(from, to) { return !span || from <= span[1] && to >= span[0]; }
+    function draw() {
+      brush.setAttribute("x", 100 * (span ? span[0] : 0) / length + "%");
+      brush.setAttribute("width", 100 * (span ? span[1] - span[0] : 0) / length + "%");
+    }
+    function veil(chart) {
+      each(chart, ".veil", function (old) { old.remove(); });
+      var axis = chart.dataset.time.split(" ").map(Number), left = axis[0], right = axis[1];
+      function x(at) { return Math.min(right, Math.max(left, left + (right - left) * (at - axis[2]) / (axis[3] - axis[2]))); }
+      (span ? [[left, x(span[0])], [x(span[1]), right]] : []).forEach(function (side) {
+        var made = chart.appendChild(document.createElementNS(chart.namespaceURI, "rect"));
+        made.setAttribute("class", "veil");
+        made.setAttribute("x", side[0]);
+        made.setAttribute("width", side[1] - side[0]);
+        made.setAttribute("height", "100%");
+      });
+    }
+    function limit(from, to) {
+      span = from === null ? null : [Math.min(from, to), Math.max(from, to)];
+      draw();
+      parts.buildAll();
+      each(timeline.closest(".session"), ".out", function (line) {
+        var at = parseFloat(line.firstChild.textContent);
+        line.classList.toggle("outside", !within(at, at));
+      });
+      rows.forEach(function (row) { row.classList.toggle("outside", !within(Number(row.dataset.at), Number(row.dataset.to || row.dataset.at))); });
+      each(document, "figure[data-session]", function (figure) {
+        if (figure.dataset.session === session) { each(figure, "[data-time]:not([data-time=''])", veil); }
+      });
+      tell();
+    }
+    function tell() {
+      read.textContent = span ? "Only " + span[0].toFixed(3) + "–" + span[1].toFixed(3) + " s: output, moments and figures. " : "The whole session.";
+      if (!span) { return; }
+      var button = add(read, "button", "whole session");
+      button.type = "button";
+      button.addEventListener("click", function () { limit(null); });
+    }
+    picture.addEventListener("dragstart", function (event) { event.preventDefault(); });
+    picture.addEventListener("pointerdown", function (down) {
+      if (down.button !== 0 || down.pointerType === "touch") { return; }
+      var from = timeAt(down);
+      brushed = false;
+      function move(event) {
+        if (!brushed && Math.abs(event.clientX - down.clientX) < 5) { return; }
+        brushed = true;
+        span = [Math.min(from, timeAt(event)), Math.max(from, timeAt(event))];
+        draw();
+      }
+      document.addEventListener("pointermove", move);
+      document.addEventListener("pointerup", function (event) {
+        document.removeEventListener("pointermove", move);
+        if (brushed) { limit(from, timeAt(event)); }
+      }, {once: true});
+    });
     function timeAt(event) {
       var box = picture.getBoundingClientRect();
       return Math.min(length, Math.max(0, (event.clientX - box.left) / box.width * length));
@@ -120,18 +179,22 @@
     new ResizeObserver(ticks).observe(scroll);
     scroll.tabIndex = 0;
     scroll.setAttribute("role", "group");
-    scroll.setAttribute("aria-label", "Timeline of " + session + ": arrow keys go from moment to moment, plus and minus zoom");
+    scroll.setAttribute("aria-label", "Timeline of " + session + ": arrow keys go from moment to moment, plus and minus zoom, brackets limit the time");
     scroll.addEventListener("keydown", function (event) {
       var step = {ArrowRight: 1, ArrowLeft: -1, Home: -rows.length, End: rows.length}[event.key];
       if (step) { moment(Math.min(rows.length - 1, Math.max(0, chosen + step))); }
       else if (event.key === "+") { scale(2, chosen < 0 ? undefined : Number(rows[chosen].dataset.at)); }
       else if (event.key === "-") { scale(0.5); }
+      else if (event.key === "Escape" && span) { limit(null); }
+      else if (chosen >= 0 && event.key === "[") { limit(Number(rows[chosen].dataset.at), span ? span[1] : length); }
+      else if (chosen >= 0 && event.key === "]") { limit(span ? span[0] : 0, Number(rows[chosen].dataset.at)); }
       else { return; }
       event.preventDefault();
     });
     picture.addEventListener("click", function (event) {
       var link = event.target.closest("a");
       event.preventDefault();
+      if (brushed) { return; }
       if (link) { moment(rows.findIndex(function (row) { return "#" + row.id === link.getAttribute("href"); })); }
       else { choose(timeAt(event)); }
     });
