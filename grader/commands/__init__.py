@@ -27,4 +27,6 @@ GROUPS = {
     },
 }
 #: Description of each command. Without one of these words, `grade` grades submissions.
-COMMANDS = {name: words for group in GROUPS.values() for name, words in group.items()}
+COMMANDS: dict[str, str] = {}
+for _group in GROUPS.values():
+    COMMANDS.update(_group)

@@ -93,7 +93,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
         parser.error(
             "--apply, --ask, --mail and --jobs are for a class; a single submission is written at once"
         )
-    if options.mail and not (options.apply or options.ask):
+    if options.mail and not _may_write(options):
         parser.error("--mail needs --apply or --ask")
     singles = [folder for folder in options.results if folder not in classes]
     statuses = [_regrade_class(folder, options, console) for folder in classes]
@@ -108,6 +108,11 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
         statuses.append(each(singles, regrade_one, options.fail_under))
     return max(statuses)
+
+
+def _may_write(options: argparse.Namespace) -> bool:
+    """Return whether the results of a class are written, perhaps after a question."""
+    return bool(options.apply or options.ask)
 
 
 def _regrade_one(
@@ -160,7 +165,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
             folders,
             options.rubric,
             options.overrides,
-            pages=options.apply or options.ask,
+            pages=_may_write(options),
             trusted=options.trust_lab,
             jobs=options.jobs,
             on_judged=lambda name: progress.advance(task),

@@ -15,7 +15,7 @@ _QUOTED = re.compile(r"^(?:> ?)+", re.MULTILINE)
 
 
 def pasted_appeal(text: str, results: Mapping[str, Result]) -> Decision:
-    """Return the appeal in a text such as `Appeal: Lab 1, alice, check publisher.rate ... What I think is wrong: ...`.
+    """Return the appeal in a text that starts like `Appeal: Lab 1, alice, check publisher.rate`; the question ends it.
 
     Parameters
     ----------
@@ -27,10 +27,12 @@ def pasted_appeal(text: str, results: Mapping[str, Result]) -> Decision:
     UsageError
         If the text names no check of a submission in the class, or asks nothing.
     """
-    words = " ".join(_QUOTED.sub("", text).split())
+    unquoted = _QUOTED.sub("", text)
+    words = " ".join(unquoted.split())
     for name, check, head in _heads(results):
-        if f"{head} " in words:
-            _, _, asked = words.partition(f"{head} ")[2].partition(QUESTION)
+        _, found, rest = words.partition(f"{head} ")
+        if found:
+            _, _, asked = rest.partition(QUESTION)
             return _appeal(name, check, asked.strip())
     raise UsageError(
         "this text names no check of a submission in this class",

@@ -239,7 +239,7 @@ def report_page(
     from grader.report.submission_page import render
 
     figures = _figures(recordings, rubric)
-    address = rubric.policy.questions_to or ""
+    address = rubric.policy.questions_to
     return render(result, figures, recordings.sessions, recordings.submission, before, address)
 
 

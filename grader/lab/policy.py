@@ -202,7 +202,9 @@ _ADDRESS = re.compile(r"[A-Za-z0-9._+-]{1,64}@[A-Za-z0-9-]{1,63}(?:\.[A-Za-z0-9-
 
 
 def _address(value: Any) -> Any:
-    if value is None or (isinstance(value, str) and _ADDRESS.fullmatch(value)):
+    if value is None:
+        return value
+    if isinstance(value, str) and _ADDRESS.fullmatch(value):
         return value
     raise ValueError("a mail address is expected, such as ros-lab@example.edu")
 

@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
@@ -609,7 +608,10 @@ def functions_of(part: BaseModel) -> list[str]:
 
 
 def _functions_in(parts: Iterable[BaseModel]) -> tuple[str, ...]:
-    return tuple(chain.from_iterable(map(functions_of, parts)))
+    found: list[str] = []
+    for part in parts:
+        found += functions_of(part)
+    return tuple(found)
 
 
 def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:

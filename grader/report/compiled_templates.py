@@ -51,7 +51,7 @@ class CompiledTemplates(BytecodeCache):
 
 @cache
 def _modules() -> str:
-    """Return name, time and size of each module of the report, by which Python knows changed modules too."""
+    """Return name, time and size of each module of the report; Python finds changed modules by the same."""
     states = []
     for path in sorted(_REPORT.rglob("*.py")):
         state = path.stat()

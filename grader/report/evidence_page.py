@@ -63,7 +63,7 @@ def render(
         files=_files(places, submission.texts),
         locations=locations,
         beside={},
-        questions_to="",
+        questions_to=None,
         views=views,
     )
 

@@ -25,7 +25,7 @@ def render(
     recordings: Mapping[str, Recorded],
     submission: SubmissionRecord,
     before: Result | None = None,
-    questions_to: str = "",
+    questions_to: str | None = None,
 ) -> str:
     """Return the report as a page of HTML; equal arguments give equal bytes.
 
@@ -36,7 +36,7 @@ def render(
     before
         Result of the previous submission.
     questions_to
-        Mail address for questions; empty for none.
+        Mail address for questions.
     """
     sessions = {}
     timelines = {}

@@ -51,7 +51,7 @@ def lines_of(text: str) -> list[str]:
 
 
 def whole_files_of(result: Result, texts: Mapping[str, str]) -> dict[str, WholeFile]:
-    """Return the files with lines of proof, by path; first those of lost points, while their sizes allow."""
+    """Return the files with lines of proof, by path; files of lost points come first, while their sizes allow."""
     marks: dict[str, dict[int, list[CheckResult]]] = {}
     for file, line, check in _proof(result):
         checks = marks.setdefault(file, {}).setdefault(line, [])

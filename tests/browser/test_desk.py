@@ -424,7 +424,7 @@ def test_more_points_than_there_are_are_refused(chromium: Browser, small: Path) 
 
 
 def test_a_pasted_question_is_an_appeal(chromium: Browser, small: Path) -> None:
-    """It stands in the file under the student's name and is shown; a text without one is refused, and undone is undone."""
+    """A pasted question is kept under the student's name, shown, and can be undone; a text without one is refused."""
     result = load_result(small / "bob" / RESULT_FILE)
     mail = appeal_text(result, result.checks[0]) + "<b>My</b> timer is right."
     desk = serve(small)

@@ -1,4 +1,4 @@
-"""Next steps after a class was graded: those of exactly this class."""
+"""Next steps after a class was graded, for exactly this class."""
 
 from __future__ import annotations
 

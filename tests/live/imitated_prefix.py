@@ -1,7 +1,7 @@
 """A prefix that imitates `/opt/ros/jazzy` as far as wheels go.
 
-It has the folders of the original, `setup.bash`, and modules for the system's Python. Its files are links to those of
-the wheels in a virtual environment.
+It has the folders of the original, `setup.bash`, and modules for the system's Python. Its files are links to the
+wheels in a virtual environment.
 """
 
 from __future__ import annotations

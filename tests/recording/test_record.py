@@ -119,7 +119,7 @@ def test_what_is_no_record_is_refused(text: str, tmp_path: Path) -> None:
 
 
 def test_a_record_is_written_with_all_its_fields(tmp_path: Path) -> None:
-    """The file is what `dataclasses.asdict` gives, and is read back as the same record."""
+    """The file equals the output of `dataclasses.asdict`, and is read back as the same record."""
     record = read_session(RECORDINGS / "publisher")
     write_session(tmp_path, record)
     assert json.loads((tmp_path / "session.json").read_text()) == json.loads(

@@ -283,9 +283,8 @@ class RunningProcess:
         """Wait until it has said a line since the last call, has ended, or the time is over."""
         said = asyncio.ensure_future(self._said.wait())
         try:
-            await asyncio.wait(
-                {said, self.exited}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
-            )
+            either = {said, self.exited}
+            await asyncio.wait(either, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
         finally:
             said.cancel()
         self._said.clear()
