@@ -243,8 +243,8 @@ class CheckResult:
     unmeasured: str | None = None
     #: Name of the rule that decided; None in results of earlier versions.
     decided_by: str | None = None
-    #: True if a mistake here can hurt people or break a robot.
-    endangers: bool = False
+    #: True if a mistake here can hurt people or break a robot; None otherwise.
+    endangers: bool | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 
     @classmethod

@@ -38,13 +38,13 @@ MISTAKES = {
 #: mistake alone.
 COMPOSED = {
     "solution": ("", 0),
-    "strict_six_joints": ("publisher", 6),
-    "wrong_type_publisher": ("publisher", Decimal("3.8")),
-    "wrong_node_name": ("publisher", Decimal("0.9")),
+    "strict_six_joints": ("publisher", 8),
+    "wrong_type_publisher": ("publisher", 4),
+    "wrong_node_name": ("publisher", Decimal("0.5")),
     "crash_on_early_state": ("subscriber", 4),
     "signed_mean_statistics": ("subscriber", 2),
-    "service_crashes_on_enable": ("service", 14),
-    "service_never_answers": ("service", 14),
+    "service_crashes_on_enable": ("service", 13),
+    "service_never_answers": ("service", 13),
 }
 
 

@@ -81,7 +81,7 @@ def test_what_rests_on_a_second_clock_fails(recordings: Path, rubric: Rubric) ->
     assert finding.expected
     assert finding.hint
     assert {check.outcome for check in checks.values()} == {Outcome.PASSED}
-    assert result.score.earned == 98
+    assert result.score.earned == Decimal("97.5")
 
 
 def test_what_can_be_measured_all_the_same_is_judged(recordings: Path, rubric: Rubric) -> None:
