@@ -19,13 +19,16 @@ def score_check(spec: CheckSpec, finding: Finding, commands: tuple[str, ...] = (
     if finding.outcome.decided:
         earned = (spec.points * finding.credit).quantize(TENTH, ROUND_HALF_UP)
         undecided = _NONE
+    endangers = None
+    if spec.endangers:
+        endangers = True
     return CheckResult.of(
         finding,
         id=spec.id,
         title=spec.title,
         session=spec.session,
         commands=commands,
-        endangers=spec.endangers or None,
+        endangers=endangers,
         earned=earned,
         possible=spec.points,
         undecided=undecided,
