@@ -243,7 +243,7 @@ class CheckResult:
     unmeasured: str | None = None
     #: Name of the rule that decided; None in results of earlier versions.
     decided_by: str | None = None
-    #: True if a mistake here can hurt people or break a robot; None otherwise.
+    #: True if a mistake here can hurt people or damage hardware; None otherwise.
     endangers: bool | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 

@@ -359,7 +359,7 @@ class CheckSpec(_OfKind):
     )
     endangers: bool = Field(
         False,
-        description="A mistake here can hurt people or break a robot; the report asks to fix it before all others.",
+        description="A mistake here can hurt people or damage hardware; the report asks to fix it before all others.",
     )
     hint: str = ""
     replaces: tuple[str, ...] = Field(

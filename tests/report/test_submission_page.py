@@ -213,7 +213,7 @@ def test_what_endangers_comes_before_what_opens_most() -> None:
     html = page_of(result_of([CHECKS[0], dangerous, *CHECKS[2:]]))
     fix = html[html.index('<section class="fix"') : html.index('<section class="still-open"')]
     assert re.findall(r'<article [^>]*id="([^"]+)"', fix) == ["check-a.half", "check-a.bad"]
-    assert "Fix this first: it can hurt people or break the robot." in text_of(fix)
+    assert "Fix this first: it can hurt people or damage the hardware." in text_of(fix)
     assert "Fix this first" not in text_of(page_of())
 
 
