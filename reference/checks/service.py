@@ -374,13 +374,14 @@ def _judge_unset(p: CallGated, gate: _Gate, unset: str) -> Finding:
 
 
 def _not_set(step: Step | None) -> str:
-    """Say that the parameter could not be set while the node ran, and quote the node's answer."""
+    """Name the parameters that could not be set while the node ran, and quote the node's answer."""
     if step is None or step.outcome == "done":
         return ""
     problems = []
     for problem in step.found.reasons.values():
         problems.append(str(problem).rstrip("."))
-    unset = "the parameter could not be set while it ran"
+    names = ", ".join(step.given.values)
+    unset = f"{names} could not be set while it ran"
     why = "; ".join(problems)
     if why:
         return f"{unset}: {why}."

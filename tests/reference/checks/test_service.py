@@ -181,7 +181,8 @@ def test_a_gate_the_wrong_way_round_earns_nothing(tmp_path: Path) -> None:
 
 def test_a_parameter_that_cannot_be_set_is_reported(tmp_path: Path) -> None:
     """If the parameter could not be set, the reason says so."""
-    assert "could not be set while it ran" in gated(tmp_path, True, True, True, "failed").reason
+    reason = gated(tmp_path, True, True, True, "failed").reason
+    assert "because safety could not be set while it ran" in reason
 
 
 def test_no_answer_while_off_is_reported(tmp_path: Path) -> None:
