@@ -180,7 +180,6 @@ def test_a_lost_scheduler_is_told_and_the_run_continues_without_it(
     reason = "not graded: the connection to the scheduler was lost"
     lost = {name for name in names if f"{name}: {reason}" in output}
     assert lost == set(names) - set(kept), output + errors
-    assert output.count("not graded: ") == output.count(reason)
     assert process.returncode != 0
     status, output, _ = small.grade()
     assert status == 0

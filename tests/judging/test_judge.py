@@ -112,10 +112,11 @@ def test_each_lost_point_shows_its_proof(name: str) -> None:
 
 
 def test_a_typo_in_a_topic_is_charged_once() -> None:
-    """All but the name is judged on the topic that the student used."""
+    """A reliable subscriber of the lab hears nothing; all else is judged on the topic that the student used."""
     publisher = judged("wrong_topic").criteria[0]
     outcomes = {check.id: check.outcome for check in publisher.checks}
-    assert outcomes.pop("publisher.publishes") is Outcome.PARTIAL
+    assert outcomes.pop("publisher.publishes") is Outcome.EXCUSED
+    assert outcomes.pop("publisher.reliable") is Outcome.FAILED
     assert set(outcomes.values()) == {Outcome.PASSED}
 
 
@@ -532,8 +533,12 @@ def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
     cost = "other_name_costs: 0.85"
     assert cost in text
+    # The dearer consequence of another name, which would excuse this one.
+    dearer = "{topic: /joint_commands, type: std_msgs/msg/Float64MultiArray, reliability"
+    assert dearer in text
+    text = text.replace(dearer, "{topic: /joint_commands, reliability")
     mine = tmp_path / "rubric.yaml"
-    for other, earned in ((cost, "0.7"), ("other_name_costs: 10%", "4.1")):
+    for other, earned in ((cost, "0.4"), ("other_name_costs: 10%", "2.3")):
         mine.write_text(text.replace(cost, other), encoding="utf-8")
         rubric = read_rubric(mine)
         recordings = open_recordings(KEPT / "wrong_topic", rubric)

@@ -68,7 +68,7 @@ def test_the_solution_loses_nothing_on_an_installation_with_the_real_launch(
 def test_the_examination_accepts_an_installation(prefix: Path, tmp_path: Path) -> None:
     """The last step of Dockerfile.ros names version, interpreter and packages; machines differ in all other lines."""
     said = grade("doctor", "--ros", prefix, cwd=tmp_path).stdout
-    lines = [line for line in said.split("\n") if " ROS 2" in line]
+    lines = [line for line in said.split("\n") if line.startswith("PASS    ROS 2")]
     assert len(lines) == 3, said
     assert all(line.startswith("PASS") for line in lines), said
     assert f"Jazzy (rclpy 7.1.5) in {prefix}, for {system_python()}" in lines[0]
