@@ -291,11 +291,11 @@ def _declarations(context: Context, p: CallGated) -> tuple[Location, ...]:
 def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:
     """Judge a gate without a fault by the name of its parameter."""
     step = context.step(p.set_step)
-    names: Mapping[str, str] | None = None
-    if step is not None:
-        names = step.found.names
-    if names is None:
+    if step is None:
         return gate.graded(1.0, "")
+    names: Mapping[str, str] = {}
+    if step.found.names is not None:
+        names = step.found.names
     for asked, used in names.items():
         reason = f"It refuses by the parameter {used}; with {asked} set to false, it still enables."
         hint = f"Declare the parameter as {asked}."
@@ -379,7 +379,8 @@ def _not_set(step: Step | None) -> str:
         return ""
     problems = []
     for problem in step.found.reasons.values():
-        problems.append(str(problem).rstrip("."))
+        text = str(problem)
+        problems.append(text.rstrip("."))
     names = ", ".join(step.given.values)
     unset = f"{names} could not be set while it ran"
     why = "; ".join(problems)
