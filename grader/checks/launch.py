@@ -1054,7 +1054,7 @@ class TogetherFollows(_Doer):
         None, description="Topic and field of the commands, where that is another."
     )
     index: int | None = Field(None, description="Element that is compared; else all.")
-    subject: str = Field("the robot", description="What follows, in words.")
+    subject: str = Field("the simulation", description="What follows, in words.")
     unit: str = Field("", description="Unit of the field.")
     off_share: Share = Field(
         0.5, description="By how much of the command's size it may be off; one that rests is 1."

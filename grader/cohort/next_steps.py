@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import filterfalse
 from pathlib import Path
 
 from grader.cohort.entries import NOTHING_SUBMITTED
@@ -48,10 +49,11 @@ def _questions(summary: ClassSummary, results: Path) -> Iterator[Step]:
 
 
 def _ungraded(summary: ClassSummary) -> Iterator[Step]:
-    names = _named(summary, Need.NOT_GRADED)
+    absent = set()
     for row in summary.rows:
         if row.entry.problem == NOTHING_SUBMITTED:
-            names.remove(row.entry.name)
+            absent.add(row.entry.name)
+    names = list(filterfalse(absent.__contains__, _named(summary, Need.NOT_GRADED)))
     if names:
         yield Step(
             _counted(names, "not graded"), "remove the reason above, and run the same command again"

@@ -73,13 +73,16 @@ def _element_problem(root: ElementTree.Element, name: str, text: str) -> Manifes
 
 
 def misspelt_dependencies(submission: SubmissionRecord, package: PackageFact) -> dict[str, str]:
-    """Return the declared packages that no ROS distribution has, each with the known package meant by it."""
+    """Return the declared packages that no ROS distribution has, each with the known package meant by it.
+
+    Names of libraries for CMake, such as `OpenCV`, have capitals; names in a package.xml have none.
+    """
     manifest = submission.texts.get(within(package, "package.xml"), "")
     ours = [each.name for each in submission.packages]
     found = {}
     for name in _DEPENDENCY.findall(manifest):
         meant = package_meant_by(name, ours)
-        if meant:
+        if meant.islower():
             found[name] = meant
     return found
 

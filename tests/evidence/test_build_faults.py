@@ -6,7 +6,7 @@ import pytest
 
 from grader.evidence.build_faults import build_fault, built_folders
 from grader.evidence.installed_faults import has_own_marker, start_fault, use_fault
-from grader.evidence.manifest_faults import undeclared_dependencies
+from grader.evidence.manifest_faults import misspelt_dependencies, undeclared_dependencies
 from grader.recording.submission import BuildFact, PackageFact
 from grader.submission.packages.colcon import find_packages
 from tests.ros_packages import PACKAGE, SETUP, broken
@@ -202,6 +202,16 @@ def test_imports_that_the_manifest_does_not_declare() -> None:
         record, record.packages[0], ["rclpy", "std_msgs", "sensor_msgs"]
     )
     assert found == {"std_msgs": "lab/talker.py"}
+
+
+def test_dependencies_that_are_misspelt() -> None:
+    """A slip of a package is named with its cure; names of libraries for CMake are no names for a package.xml."""
+    manifest = PACKAGE["package.xml"].replace(
+        "</package>", "<depend>std_msg</depend><depend>opencv</depend></package>"
+    )
+    record = submission({**PACKAGE, "package.xml": manifest})
+    record.packages = find_packages({**PACKAGE}, list(PACKAGE))
+    assert misspelt_dependencies(record, record.packages[0]) == {"std_msg": "std_msgs"}
 
 
 def test_folders_that_colcon_makes() -> None:

@@ -31,7 +31,8 @@ def package_meant_by(name: str, others: Iterable[str] = ()) -> str:
     """Return the known package meant by a misspelt name; empty for a known name, and for one unlike all.
 
     A slip is a letter that is missing, added, changed or swapped with its neighbour, or another use of capitals, `_` and
-    `-`. No name of a package in the ROS 2 distributions Foxy to Lyrical is a slip of a known one.
+    `-`. Names with different digits are two packages, such as `arm1_msgs` and `arm2_msgs`. No name of a package in the
+    ROS 2 distributions Foxy to Lyrical is a slip of a known one.
 
     Parameters
     ----------
@@ -42,6 +43,8 @@ def package_meant_by(name: str, others: Iterable[str] = ()) -> str:
     --------
     >>> package_meant_by("rlccpp"), package_meant_by("std_msg"), package_meant_by("rclc")
     ('rclcpp', 'std_msgs', '')
+    >>> package_meant_by("python-numpy")
+    ''
     """
     known = buildable_packages().union(others)
     if name in known:
@@ -52,6 +55,8 @@ def package_meant_by(name: str, others: Iterable[str] = ()) -> str:
 
 def _is_slip(name: str, wanted: str) -> bool:
     """Return whether a name differs from a wanted one by one letter, or by its spelling alone."""
+    if _digits(name) != _digits(wanted):
+        return False
     if _plain(name) == _plain(wanted):
         return True
     start = 0
@@ -61,8 +66,15 @@ def _is_slip(name: str, wanted: str) -> bool:
         start += 1
     rest = name[start:]
     wanted_rest = wanted[start:]
-    is_swapped = rest[:2] == wanted_rest[1::-1] and rest[2:] == wanted_rest[2:]
-    return is_swapped or wanted_rest[1:] in (rest, rest[1:]) or rest[1:] == wanted_rest
+    is_missing = rest == wanted_rest[1:]
+    is_added = rest[1:] == wanted_rest
+    is_changed = rest[1:] == wanted_rest[1:]
+    is_swapped = rest == wanted_rest[1::-1] + wanted_rest[2:]
+    return any((is_missing, is_added, is_changed, is_swapped))
+
+
+def _digits(name: str) -> list[str]:
+    return list(filter(str.isdigit, name))
 
 
 def _plain(name: str) -> str:
