@@ -803,8 +803,8 @@ def test_any_field_may_follow_another(tmp_path: Path, gain: float, credit: int) 
     }
     finding = judged("launch_together", {"follows": follows}, session)
     assert finding.credit == credit
-    assert finding.expected == "the robot follows"
-    assert finding.measured.startswith("the robot is off by ")
+    assert finding.expected == "the simulation follows"
+    assert finding.measured.startswith("the simulation is off by ")
 
 
 def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -> None:
