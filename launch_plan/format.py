@@ -10,3 +10,5 @@ PARAMETERS_PLACEHOLDER = "{parameters}"
 NO_JSON = "!!float"
 #: Most processes of a plan; a session starts them one after another, and each again up to three times.
 PROCESS_LIMIT = 100
+#: Target of links to executables that are left out, because their programs are missing.
+LEFT_OUT = "/bin/false"
