@@ -11,7 +11,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
-from launch_plan.format import LEFT_OUT
+from launch_plan.format import is_left_out
 from launch_plan.jazzy import is_released
 
 #: Most files of a submission that are looked at.
@@ -187,10 +187,7 @@ def _executables(folder: Path) -> list[str]:
         return []
     names = []
     for path in folder.iterdir():
-        target = ""
-        if path.is_symlink():
-            target = str(path.readlink())
-        if target == LEFT_OUT:
+        if is_left_out(path):
             continue
         if _is_executable(path):
             names.append(path.name)

@@ -37,7 +37,7 @@ from grader.submission.artifacts import MAX_TEXT_BYTES
 from grader.submission.beneath import is_regular_beneath
 from launch_plan.assumed import left_out, without_assumed_parameters
 from launch_plan.exchange import MOST_ANSWER_BYTES, Ending, Request, command, plan_of_answer
-from launch_plan.format import LEFT_OUT, PARAMETERS_PLACEHOLDER
+from launch_plan.format import LEFT_OUT, PARAMETERS_PLACEHOLDER, is_left_out
 from launch_plan.plan import Plan, Problem, Process, ros2_run
 
 #: Path of one of the plan's own files in an evaluation.
@@ -283,7 +283,9 @@ class LaunchRunner:
                 return plan.staged / plan.programs[artifact].path
         names = []
         for path in folder.iterdir():
-            if path.suffix != ".py" and not path.is_symlink():
+            if is_left_out(path):
+                continue
+            if path.suffix != ".py":
                 names.append(path.name)
         meant = _meant(wanted, names)
         return folder / meant if meant is not None else None
