@@ -157,7 +157,7 @@ class TopicsCarryTraffic(BaseModel):
     )
 
 
-@check(commands=("ros2 topic hz {topic}",), by_endpoints=True)
+@check(commands=("ros2 topic hz {topic}", "ros2 topic info -v {topic}"), by_endpoints=True)
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     """Judge the number of messages by the publishers' sequence numbers.
 
@@ -181,6 +181,7 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
     """Judge the number of messages on one topic."""
     used = context.used(topic)
     count = _written(context, topic)
+    hint = ""
     undelayed = without_delay(count, delay.delay_s, delay.length_s)
     reasons = []
     heard = 1.0
@@ -190,6 +191,8 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
     if unheard:
         heard = p.unheard_credit
         reasons.append(unheard)
+        if "incompatible" in unheard:
+            hint = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
     if count < p.least_messages:
         reasons.append(f"Too few messages arrived on {topic}.")
     cost = 0.0
@@ -198,7 +201,8 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
         reasons.append(f"{topic} is named {used}; the other checks use that name.")
     share = max(0.0, _share_of(count, p) - cost)
     best = max(0.0, _share_of(undelayed, p) - cost)
-    return Part(share * heard, f"{used} {count} published", " ".join(reasons), best * heard)
+    text = f"{used} {count} published"
+    return Part(share * heard, text, " ".join(reasons), best * heard, hint=hint)
 
 
 def _share_of(count: float, p: TopicsCarryTraffic) -> float:

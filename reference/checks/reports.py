@@ -340,7 +340,7 @@ class _ReportCount:
         return best
 
 
-@check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
+@check(commands=("python3 {artifact}", "ros2 bag play recordings/{session} --topics {streams}"))
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of its reports, less the cost of messages without a report."""
     finding = _right_values(context, p)
@@ -584,7 +584,7 @@ class ReportedStatistics(Streams):
     )
 
 
-@check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
+@check(commands=("python3 {artifact}", "ros2 bag play recordings/{session} --topics {streams}"))
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     """Judge a printed vector, element by element; known mistakes are named."""
     expected = f"{p.length} numbers behind '{p.label}:' at the end, agreeing with the recording"
