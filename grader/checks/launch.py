@@ -627,7 +627,10 @@ def _judge_absent(context: Context, p: LaunchNodes, wanted: WantedNode, entry: P
     if other_name is not None and not _died(context, entry):
         reason = f"{wanted.executable} runs under the name {other_name}, not {wanted.node}."
         where = (Location(file=entry.file, line=entry.line),)
-        return Part(p.other_name_credit, "", reason, where=where)
+        hint = f"Give the Node name='{_short(wanted.node)}'."
+        if _short(other_name) == _short(wanted.node):
+            hint = "Take the namespace out of the Node, or out of the group around it."
+        return Part(p.other_name_credit, "", reason, hint=hint, where=where)
     return _why_down(context, entry, wanted.executable)
 
 
@@ -1195,13 +1198,25 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
             judged.append(role.charged_once(context, roles, part))
     if all(part.is_excused for part in judged):
         return _nothing_to_judge(expected, roles)
-    topic = None
+    where = (context.location(_topic_of(p)),)
+    moved = _moved(context, p)
+    finding = of_parts(expected, [*judged, *down], costs=moved, where=where)
+    if moved:
+        return replace(finding, hint=_STAY)
+    return finding
+
+
+#: Instruction for a launch file with a namespace around the commands.
+_STAY = "Take the namespace out of the launch file, or begin the topic's name with '/'."
+
+
+def _topic_of(p: LaunchTogether) -> str | None:
+    """Return the topic of the commands, or else of the states; None without both."""
     if p.commands is not None:
-        topic = p.commands.topic
-    elif p.follows is not None:
-        topic = p.follows.topic
-    where = (context.location(topic),)
-    return of_parts(expected, [*judged, *down], costs=_moved(context, p), where=where)
+        return p.commands.topic
+    if p.follows is not None:
+        return p.follows.topic
+    return None
 
 
 def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:

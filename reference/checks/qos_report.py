@@ -61,6 +61,10 @@ class ReportedTraffic(BaseModel):
     latency_slack_s: float = Field(
         0.004, description="It may be above the recorded one by this much in any case."
     )
+    least_matched: Share = Field(
+        0.0,
+        description="Least share of rows whose messages can arrive; with fewer of them, the table compares nothing.",
+    )
 
 
 #: Results by the names of their rows; None if a row was not printed.
@@ -108,6 +112,7 @@ def _judge_rows(
             measured = ""
     where = context.output_location(p.artifact)
     parts = _misleading(parts)
+    parts = _nothing_compared(context, p, rows, parts)
     return of_parts(expected, parts, measured=measured, where=(where,), doubt=delay.why)
 
 
@@ -183,6 +188,26 @@ def _misleading(parts: Sequence[_RowPart]) -> list[_RowPart]:
     if impossible < max(2, len(parts)):
         return list(parts)
     return [replace(part, share=part.share / 2, best=part.share / 2) for part in parts]
+
+
+def _nothing_compared(
+    context: Context, p: ReportedTraffic, rows: Sequence[Row], parts: Sequence[_RowPart]
+) -> list[_RowPart]:
+    """Return the parts, all without credit if too few rows can have messages."""
+    matched = len(rows)
+    for row in rows:
+        unheard = ""
+        if context.endpoints(row.topic, "subscription"):
+            unheard = context.unheard(row.topic)
+        if unheard:
+            matched -= 1
+    if matched >= p.least_matched * len(rows):
+        return list(parts)
+    nothing = [replace(part, share=0.0, best=0.0) for part in parts]
+    first = nothing[0]
+    reason = f"Messages can arrive for {matched} of {len(rows)} rows, which is too few to compare. {first.reason}"
+    nothing[0] = replace(first, reason=reason.strip())
+    return nothing
 
 
 def _judge_reported(

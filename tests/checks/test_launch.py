@@ -412,6 +412,10 @@ def test_a_node_under_another_name_costs_half_its_part(tmp_path: Path) -> None:
     assert finding.credit == Decimal("0.75")
     assert re.search(r"runs under the name /?hearer, not /?listener", finding.reason)
     assert finding.where[0].line == 20
+    assert finding.hint == "Give the Node name='listener'."
+    moved = entry("listen", "/arm/listener")
+    finding = nodes(planned(Session(tmp_path), processes=[BOTH[0], moved]).node("/talker"))
+    assert "Take the namespace out" in finding.hint
 
 
 def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
@@ -778,6 +782,7 @@ def test_commands_that_the_launch_file_moves_away_reach_nobody(
     assert finding.credit == credit
     assert ("namespace" in finding.reason) == (not credit)
     assert "Commands come at" not in finding.reason
+    assert ("begin the topic's name with '/'" in finding.hint) == (not credit)
 
 
 @pytest.mark.parametrize(("gain", "credit"), [(1.0, 1), (0.6, 1), (0.3, 0)])

@@ -56,6 +56,23 @@ def test_a_row_of_sides_that_cannot_connect_shows_nothing(tmp_path: Path) -> Non
     assert "so nothing was measured. The two sides of /test_fast are incompatible" in finding.reason
 
 
+@pytest.mark.parametrize(("least", "credit"), [(0.5, "0.5"), (0.75, "0")])
+def test_a_table_with_too_few_rows_that_can_have_messages_compares_nothing(
+    tmp_path: Path, least: float, credit: str
+) -> None:
+    """A true row beside a row without messages is half of a table, or none, as the rubric says."""
+    session = Session(tmp_path).process("it", [row(), row(0, name="slow")])
+    times = evenly(100, 9.99)
+    for topic, offered in ((TOPIC, "reliable"), ("/test_slow", "best_effort")):
+        session.endpoint("publisher", topic, qos=replace(RELIABLE, reliability=offered))
+        session.endpoint("subscription", topic)
+        session.messages(topic, [[0.0]] * len(times), times, latency_s=0.001)
+    rows = [*REPORTED["rows"], {"name": "slow", "topic": "/test_slow"}]
+    finding = judged(REPORTED_TRAFFIC, {**REPORTED, "rows": rows, "least_matched": least}, session)
+    assert finding.credit == Decimal(credit)
+    assert ("for 1 of 2 rows" in finding.reason) == (credit == "0")
+
+
 LAMBDA = "for name in names:\n    create_subscription(T, name, lambda m: on({}, m), 10)\n"
 
 
