@@ -207,17 +207,21 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the submissions; returns the exit status."""
     parser = make_parser()
     options = parser.parse_args(arguments)
+    if options.scheduler is None:
+        _note_limits(console)
+    from grader.judging import rubrics
+
+    rubric = rubrics.read_rubric(options.rubric)
     if options.scheduler is not None:
-        return _run(parser, options, console)
-    _note_limits(console)
+        return _run(parser, options, rubric, console)
     from grader.live.sandbox.environment import require_platform
     from grader.live.session.scheduler import LocalScheduler
 
-    options.python, options.ros = students_side(options.python, options.rubric, options.ros)
+    options.python, options.ros = students_side(options.python, rubric, options.ros)
     if options.ros is None:
         require_platform(options.python)
     with LocalScheduler(options.python, options.jobs) as options.local:
-        return _run(parser, options, console)
+        return _run(parser, options, rubric, console)
 
 
 def _note_limits(console: Console) -> None:
@@ -230,12 +234,12 @@ def _note_limits(console: Console) -> None:
         print_note(console, f"Note: {shortage}.")
 
 
-def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: Console) -> int:
+def _run(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, rubric: Rubric, console: Console
+) -> int:
     from confine.scratch import remove_stale
     from grader import pipeline
-    from grader.judging import rubrics
 
-    rubric = rubrics.read_rubric(options.rubric)
     pipeline.require_sessions(options.sessions or (), rubric)
     if options.scheduler is None:
         require_extras(rubric)
