@@ -318,10 +318,10 @@ def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
 
 
 def _can_start(head: bytes) -> bool:
-    """Return whether the system can start a file; a `#!` line of Windows names no program."""
+    """Return whether the system can start a file; a `#!` line of Windows, or with /usr/env, names no program."""
     if not head.startswith(_STARTED):
         return False
-    return not re.match(rb"#![^\n]*\r\n", head)
+    return not re.match(rb"#![^\n]*\r\n|#!\s*(?!(?:/usr)?/bin/)\S*/env\b", head)
 
 
 def _shortened(output: str) -> str:
