@@ -285,7 +285,9 @@ class Part:
 
     @classmethod
     def between(cls, share: Interval, text: str = "", reason: str = "", hint: str = "") -> Part:
-        """Return a part with the least and the most share of an interval."""
+        """Return a part with the least and the most share of an interval; one that loses nothing has no reason."""
+        if share.low >= 1:
+            reason = ""
         return cls(share.low, text, reason, best=share.high, doubt=share.why, hint=hint)
 
     @property

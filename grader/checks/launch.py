@@ -1217,7 +1217,7 @@ def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
     if launched in (topic, by_hand):
         return []
     reason = f"Launched, the commands are on {launched}, and alone on {by_hand}. "
-    reason += "A namespace moves each topic without a leading '/', and only these."
+    reason += "A namespace moves each topic without a leading '/', and a remapping the topics that it names."
     return [(1.0, reason)]
 
 

@@ -19,6 +19,7 @@ from grader.evidence.oracle import compiled
 from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
+from grader.judging.past_scores import with_past
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import CriterionSpec, Rubric
@@ -79,9 +80,10 @@ def judge_recordings(
     by_rubric = earlier or judge(recordings, rubric)
     submission_time = rubric.policy.zoned(submission_time_of(submission))
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, submission_time)
+    previous = result_of_text(text_of(folder / EARLIER_FILE))
+    result = with_past(result, previous)
     if not page:
         return Judgement(by_rubric, result, "", to_json(result))
-    previous = result_of_text(text_of(folder / EARLIER_FILE))
     shown = report_page(result, recordings, rubric, previous)
     layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}
     return Judgement(by_rubric, result, shown, to_json(result), layouts)

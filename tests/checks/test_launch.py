@@ -777,6 +777,7 @@ def test_commands_that_the_launch_file_moves_away_reach_nobody(
     finding = judged("launch_together", wanted, both[0], others=others)
     assert finding.credit == credit
     assert ("namespace" in finding.reason) == (not credit)
+    assert "Commands come at" not in finding.reason
 
 
 @pytest.mark.parametrize(("gain", "credit"), [(1.0, 1), (0.6, 1), (0.3, 0)])
