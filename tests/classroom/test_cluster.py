@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import pickle
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +24,8 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from confine.isolation import Level
 from grader.classroom.cluster import Bundle, grade_bundle
-from grader.classroom.job import Job
+from grader.classroom.cluster import Cluster as Network
+from grader.classroom.job import Ending, Job
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
 from grader.live.sandbox.probing import probe_isolation
@@ -224,3 +227,33 @@ def test_a_scheduler_that_is_not_there(tmp_path: Path) -> None:
         assert "the scheduler cannot be reached" in errors
         assert "Check --scheduler" in errors
     assert small.graded() == []
+
+
+def test_no_submission_waits_for_a_lost_scheduler(tmp_path: Path) -> None:
+    """Submissions that had waited for a worker end like those under way, with the same reason and remedy."""
+    from distributed import Client, Scheduler
+
+    connect: Any = Client
+    source = SubmissionSource.of(Path(__file__))
+    job = Job(source, tmp_path, read_rubric(None), Options(Path(sys.executable)))
+
+    async def graded_without_scheduler(threads: int) -> tuple[Ending, Level]:
+        async with Scheduler(dashboard=False, port=0, host="127.0.0.1") as scheduler:
+            client = await connect(scheduler.address, asynchronous=True, timeout=1)
+        waiting = Network(client, threads)
+        return await asyncio.wait_for(waiting.grade(job, lambda progress: None), 30)
+
+    for threads in (0, 1):
+        ending, level = asyncio.run(graded_without_scheduler(threads))
+        assert isinstance(ending, GraderError)
+        assert str(ending) == "the connection to the scheduler was lost"
+        assert "Start a scheduler again" in ending.remedy
+        assert level is Level.NONE
+
+
+def test_a_missing_file_of_a_scheduler_is_named(tmp_path: Path) -> None:
+    """A file that no scheduler has written yet ends with 5, and is not taken for an address."""
+    small = make_class(tmp_path, {"ann": TALKER})
+    status, _, errors = small.grade("--scheduler", "scheduler.json")
+    assert status == 5
+    assert "scheduler.json: there is no such file of a scheduler" in errors
