@@ -9,6 +9,8 @@ import tempfile
 from pathlib import Path
 
 from confine.helpers import find_tool, run_helper, search_path
+from confine.scratch import scratch_prefix
+from grader.files import replace_files
 from grader.live.sandbox.cache import cache_folder
 from grader.live.student_tap.crashes import LIBRARY, SOURCE
 
@@ -37,10 +39,9 @@ def crash_library() -> Path | None:
 
 def _compile(compiler: str, library: Path) -> None:
     """Compile the library; another process can do the same at the same time."""
-    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as folder:
         made = Path(folder, LIBRARY)
         command = [compiler, *_OPTIONS, "-o", str(made), str(SOURCE)]
         done = run_helper(command, environment={"PATH": search_path()}, timeout_s=_COMPILING_S)
         done.check_returncode()
-        made.chmod(0o644)
-        Path(made).replace(library)
+        replace_files({library: made.read_bytes()})

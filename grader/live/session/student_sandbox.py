@@ -125,7 +125,9 @@ class StudentSandbox:
         for prefix in self._prefixes:
             shutil.copytree(prefix, self.interfaces / prefix.name)
         if self.plan.crash_library is not None:
-            shutil.copy(self.plan.crash_library, self._room.tools[CRASHES] / LIBRARY)
+            library = self._room.tools[CRASHES] / LIBRARY
+            shutil.copyfile(self.plan.crash_library, library)
+            library.chmod(0o644)  # whatever the umask is
         if self._group is not None:
             self._group.make()
         self.copy_workspace(self.plan.staged, self.workspace)
