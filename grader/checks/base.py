@@ -126,9 +126,10 @@ class Context:
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
         """Explain why a process ended or misbehaved, from its output and its exit status."""
-        found = explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
+        files = [file.path for file in self.submission.files]
+        found = explain(run.output, files, run.interrupted_ns)
         if found is None:
-            found = ended_by_signal(run)
+            found = ended_by_signal(run, files)
         if found is None or found.file is None:
             return found
         return corrected(found, self.submission.texts)

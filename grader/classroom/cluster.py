@@ -29,6 +29,8 @@ from grader.classroom.scheduler import Machine
 from grader.classroom.worker import Here
 from grader.errors import GraderError, PlatformError
 from grader.files import atomic_replacement
+from grader.live.sandbox.course_ros import installation_at, require_usable
+from grader.live.sandbox.installation import Installation
 from grader.live.sandbox.probing import probe_isolation
 from grader.live.session.runner import Progress
 from grader.pipeline import PARTS
@@ -58,6 +60,8 @@ class Bundle:
     #: The files beside the rubric.
     lab: bytes
     own_interpreter: bool
+    #: Contents of the installation of ROS for students' programs; empty for wheels.
+    ros: list[str] = field(default_factory=list)
 
 
 def packed(files: dict[str, Path]) -> bytes:
@@ -97,7 +101,10 @@ def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
             b"",
         )
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
-        job = _laid_out(sent, Path(scratch))
+        try:
+            job = _laid_out(sent, Path(scratch))
+        except PlatformError as problem:
+            return problem, Level.NONE.value, b""
         isolation = probe_isolation(job.options.interpreter)
         with Here(isolation, Machine.of(isolation, job.options.jobs)) as here:
             ending, _ = asyncio.run(here.grade(job, lambda progress: None))
@@ -116,8 +123,38 @@ def _laid_out(sent: Bundle, scratch: Path) -> Job:
     options = sent.job.options
     if sent.own_interpreter:
         options = replace(options, interpreter=Path(sys.executable))
+    if options.ros is not None:
+        ros = same_installation(options.ros, sent.ros)
+        options = replace(options, ros=ros, interpreter=ros.interpreter)
     results = scratch / "results"
     return replace(sent.job, source=source, results=results, rubric=rubric, options=options)
+
+
+def same_installation(sent: Installation, contents: list[str]) -> Installation:
+    """Return the installation of ROS in the same folder of this machine.
+
+    Parameters
+    ----------
+    sent
+        The installation on the machine of the command.
+    contents
+        Its contents there.
+
+    Raises
+    ------
+    PlatformError
+        It is missing here, does not work, or has another version or other packages.
+    """
+    assert sent.prefix is not None
+    found = installation_at(sent.prefix, sent.interpreter)
+    require_usable(found)
+    if found.contents() != contents:
+        raise PlatformError(
+            "a worker's installation of ROS differs from the one here",
+            location=str(sent.prefix),
+            remedy="Install the same packages of ROS on all machines, in the same folder.",
+        )
+    return found
 
 
 @asynccontextmanager
@@ -255,5 +292,12 @@ class Cluster:
             own = job.options.interpreter == Path(sys.executable)
             sent = replace(job, source=intake)
             files = dict(fingerprint.files_below(intake.folder))
-            bundle = Bundle(self._engine, sent, packed(files), lab, own)
+            bundle = Bundle(self._engine, sent, packed(files), lab, own, _contents_of(job))
             return pickle.dumps(bundle)
+
+
+def _contents_of(job: Job) -> list[str]:
+    """Return the contents of the installation of ROS for students' programs; empty for wheels."""
+    if job.options.ros is None:
+        return []
+    return job.options.ros.contents()

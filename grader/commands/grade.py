@@ -212,12 +212,12 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.judging import rubrics
 
     rubric = rubrics.read_rubric(options.rubric)
+    options.python, options.ros = students_side(options.python, rubric, options.ros)
     if options.scheduler is not None:
         return _run(parser, options, rubric, console)
     from grader.live.sandbox.environment import require_platform
     from grader.live.session.scheduler import LocalScheduler
 
-    options.python, options.ros = students_side(options.python, rubric, options.ros)
     if options.ros is None:
         require_platform(options.python)
     with LocalScheduler(options.python, options.jobs) as options.local:
@@ -247,7 +247,7 @@ def _run(
     found = _found(options, rubric)
     is_for_classes = options.scheduler is not None or options.undecided
     is_class = len(found.submissions) > 1 or is_for_classes
-    _require_compatible_options(parser, options, rubric, is_class=is_class)
+    _require_compatible_options(parser, options, is_class=is_class)
     origins = [source.origin for source in found.submissions]
     _require_safe_output(options, rubric, origins)
     _note_uncounted_overrides(options, origins, console)
@@ -269,15 +269,12 @@ def _run(
 
 
 def _require_compatible_options(
-    parser: argparse.ArgumentParser, options: argparse.Namespace, rubric: Rubric, *, is_class: bool
+    parser: argparse.ArgumentParser, options: argparse.Namespace, *, is_class: bool
 ) -> None:
     """End with a usage error if options exclude each other, or do not work for a class."""
-    if options.undecided and options.scheduler is not None:
-        parser.error("--undecided runs on this machine only; leave out --scheduler")
-    if options.scheduler is not None:
-        if {options.ros, rubric.lab.environment} != {None}:
-            reason = "--ros and a lab's environment are for this machine only"
-            parser.error(f"{reason}; leave out --scheduler")
+    if options.undecided:
+        if options.scheduler is not None:
+            parser.error("--undecided runs on this machine only; leave out --scheduler")
     if is_class and options.timings:
         parser.error(
             "--timings is for one submission, without --scheduler and --undecided; leave out --timings"

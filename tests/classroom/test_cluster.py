@@ -23,14 +23,16 @@ pytest.importorskip("distributed")
 sys.path.append(str(Path(__file__).parents[2]))
 
 from confine.isolation import Level
-from grader.classroom.cluster import Bundle, grade_bundle
+from grader.classroom.cluster import Bundle, grade_bundle, packed, same_installation
 from grader.classroom.cluster import Cluster as Network
+from grader.classroom.fingerprint import engine_sha256
 from grader.classroom.job import Ending, Job
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
+from grader.live.sandbox.course_ros import installation_at
 from grader.live.sandbox.probing import probe_isolation
 from grader.pipeline import Options
-from grader.submission.extraction import SubmissionSource
+from grader.submission.extraction import Intake, SubmissionSource
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, below, command_of, until
 
@@ -148,10 +150,14 @@ def require_same_when_judged_here(small: SmallClass) -> None:
 
 
 def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> None:
-    """With a worker killed in the midst of a session, all submissions have the points that they have here."""
+    """With a worker killed in the midst of a session, all submissions have the points that they have here.
+
+    The workers use a named installation of ROS, which they find in the same folder.
+    """
     small = make_class(tmp_path, {"ann": TALKER, "bob": ASTRAY, "cem": CRASHES})
     (small.submissions / "ann" / "link.py").symlink_to("/etc/passwd")
-    with small.start("--scheduler", str(cluster.address), "--seed", "7") as process:
+    there = ("--scheduler", str(cluster.address), "--seed", "7", "--ros", sys.prefix)
+    with small.start(*there) as process:
         worker = until(cluster.grading, 120)
         family = Family(worker.pid)
         family.look()
@@ -165,7 +171,8 @@ def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> No
     assert len(small.outcomes()) == 3
     assert any("link.py" in line for line in small.result("ann")["provenance"]["left_out"])
     require_same_when_judged_here(small)
-    status, output, _ = small.grade("--scheduler", str(cluster.address), "--seed", "7")
+    assert "students' ROS" in small.result("ann")["provenance"]["versions"]
+    status, output, _ = small.grade(*there)
     assert (status, "3 graded, 3 of them as before" in output) == (0, True)
 
 
@@ -216,6 +223,26 @@ def test_another_grader_is_refused() -> None:
     assert isinstance(ending, GraderError)
     assert (ending.exit_status, results) == (5, b"")
     assert "Install the same version" in ending.remedy
+
+
+def test_another_installation_of_ros_is_refused() -> None:
+    """A worker with another version of rclpy, or with other packages, grades nothing."""
+    installation = installation_at(Path(sys.prefix))
+    contents = installation.contents()
+    assert same_installation(installation, contents) == installation
+    options = Options(installation.interpreter, ros=installation)
+    job = Job(
+        Intake(Path(), SubmissionSource.of(Path(__file__))),
+        Path("results"),
+        read_rubric(None),
+        options,
+    )
+    nothing = packed({})
+    sent = Bundle(engine_sha256(), job, nothing, nothing, False, ["7.0.0", *contents[1:]])
+    ending, _, results = grade_bundle(pickle.dumps(sent))
+    assert isinstance(ending, GraderError)
+    assert (ending.exit_status, results) == (5, b"")
+    assert "installation of ROS differs" in ending.problem
 
 
 def test_a_scheduler_that_is_not_there(tmp_path: Path) -> None:
