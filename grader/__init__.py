@@ -5,4 +5,4 @@ The live half (`grader.live`) runs a student's nodes beside reference nodes and 
 a result and its page, without ROS.
 """
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,8 +41,7 @@ def test_modules_are_compiled_without_tests_of_packages(tmp_path: Path) -> None:
     (package / "tests").mkdir(parents=True)
     for name in ("sums.py", "tests/test_sums.py"):
         (package / name).write_text("TOTAL = 1\n", encoding="utf-8")
-    python = shutil.which("python3") or "python3"
     words = [word.strip("'") for word in line.split()]
-    subprocess.run([python, "-m", "compileall", *words, tmp_path / "lib"], check=True)
+    subprocess.run([sys.executable, "-m", "compileall", *words, tmp_path / "lib"], check=True)
     compiled = [file.parent.parent.name for file in tmp_path.rglob("*.pyc")]
     assert compiled == ["arrays"]
