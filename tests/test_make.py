@@ -1,4 +1,4 @@
-"""Installation by `make`: the commands that it would run, read without running them."""
+"""Installation by `make`, read from its commands without running them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.packages import ROOT
 
 
 def commands(target: str, folder: Path) -> str:
-    """Return the commands of a target for a virtual environment that is yet to be made."""
+    """Return the commands of a target for a missing virtual environment."""
     environment = folder / "environment"
     command = ["make", "--dry-run", f"VENV={environment}", f"{environment}/{target}"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)

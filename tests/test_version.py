@@ -1,4 +1,4 @@
-"""The version: one source, and a changelog whose newest release is that version."""
+"""One source of the version, also for the newest release in the changelog."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from grader import __version__
 from tests.packages import ROOT
 
 CHANGELOG = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-#: Headings within a release that Keep a Changelog knows, in the order of this file.
+#: Headings within a release, in the order of this file (keepachangelog.com, 1.1.0).
 SECTIONS = ["Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"]
 #: Lines of a page.
 PAGE = 120
