@@ -5,7 +5,7 @@ FROM debian:bookworm-slim AS build
 
 RUN apt-get update \
  && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends ca-certificates python3 python3-venv \
- && rm -rf /var/lib/apt/lists/*
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
 
 WORKDIR /opt/grader
 COPY constraints.txt requirements.lock ./
@@ -25,13 +25,14 @@ COPY submissions/alice submissions/alice
 RUN PIP_CONSTRAINT=constraints.txt /opt/venv/bin/python -m pip install --no-cache-dir --no-compile --no-deps --disable-pip-version-check . \
  && find /opt/venv -name __pycache__ -prune -exec rm -rf {} + \
  && find /opt/venv/lib/*/site-packages/scipy /opt/venv/lib/*/site-packages/apsw -name tests -prune -exec rm -rf {} + \
+ && mv /opt/venv/include /opt/include \
  && /opt/venv/bin/python -m compileall -qq -x '/(tests?|testing|_pytest|docutils|pip|pygments|setuptools)/' /opt/venv/lib
 
 FROM debian:bookworm-slim AS slim
 
 RUN apt-get update \
  && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends bubblewrap ca-certificates python3 util-linux \
- && rm -rf /var/lib/apt/lists/*
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
 COPY --from=build /opt/venv /opt/venv
 # In a privileged container, root (`--user 0`) confines students best.
 RUN useradd --create-home --uid 1000 grader && mkdir /work && chown grader /work
@@ -46,7 +47,8 @@ CMD ["grade", "--help"]
 FROM slim AS full
 
 USER root
+COPY --from=build /opt/include /opt/venv/include
 RUN apt-get update \
  && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends cmake g++ gcc git libc6-dev libssl-dev make python3-dev \
- && rm -rf /var/lib/apt/lists/*
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
 USER grader

@@ -22,7 +22,7 @@ NOT_INSTALLED = { echo "The packages could not be installed, see above; the firs
 # Compiled test modules are kept: each worker needs them, and rewriting the assertions costs a core 12 s.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: alice test thorough fixtures attacks bench docs system system-dev lint types layers house clean test-all test-rest
+.PHONY: alice test thorough fixtures attacks bench docs package sbom audit system system-dev lint types layers house clean test-all test-rest
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
@@ -68,6 +68,30 @@ bench: $(STAMP) system
 # The documentation as a site; a link that leads nowhere ends it. Open site/index.html.
 docs: $(DEV_STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+# Wheel and source archive in dist/. Two builds must have the same bytes.
+package: $(DEV_STAMP)
+	rm -rf dist build/again
+	@for folder in dist build/again; do \
+	  SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(BIN)/python -m hatchling build -d $$folder -t wheel -t sdist || exit 1; done
+	diff -r dist build/again
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
+
+# Both tools need `lark`, which `lark-parser` of ROS would overwrite here; so each has an environment of its own in uv's cache.
+SBOM := $(BIN)/uv tool run --quiet --from cyclonedx-bom==7.5.0 cyclonedx-py
+AUDIT := $(BIN)/uv tool run --quiet pip-audit==2.10.1
+
+# Bill of materials of the images' Python packages: build/sbom.json, in the form of CycloneDX, from an installation of the lock.
+sbom: $(DEV_STAMP)
+	$(BIN)/uv venv -q --clear --python $(BIN)/python build/locked
+	$(BIN)/uv pip install -q --python build/locked/bin/python --require-hashes -r requirements.lock
+	$(SBOM) environment --pyproject pyproject.toml --output-reproducible --no-validate -o build/sbom.json \
+	  build/locked/bin/python
+
+# Known weaknesses of the locked packages. A package without an answer of the index fails too.
+audit: $(DEV_STAMP)
+	$(AUDIT) --strict --disable-pip --require-hashes -r requirements.lock
 
 lint: $(DEV_STAMP)
 	$(BIN)/ruff check
