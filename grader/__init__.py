@@ -10,4 +10,4 @@ import os
 # Pydantic would look for plugins in each installed package, in 10 ms of each process.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
