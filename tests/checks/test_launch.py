@@ -406,7 +406,7 @@ def test_a_node_that_is_not_started_costs_its_part(tmp_path: Path) -> None:
 
 
 def test_a_node_that_other_arguments_leave_out_costs_a_share(tmp_path: Path) -> None:
-    """It runs with the default arguments; a file with components, or one that fails, tells nothing."""
+    """The node runs with the default arguments alone."""
     wanted = {**NODES, "other_step": "other", "optional_costs": 0.4}
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     finding = judged("launch_nodes", wanted, planned(session, "other", processes=BOTH[:1]))
