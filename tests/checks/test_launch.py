@@ -554,6 +554,21 @@ def test_a_parameter_of_another_type_shows_both_places(tmp_path: Path) -> None:
     assert "quotation marks" in finding.hint
 
 
+@pytest.mark.parametrize(("charged", "credit"), [(FAILED, "1"), (passed("", ""), "0.5")])
+def test_rubrics_of_earlier_versions_name_a_check_for_wrong_types(
+    tmp_path: Path, charged: Finding, credit: str
+) -> None:
+    """A wrong type is not charged to the launch file if the named check took points."""
+    wanted = {
+        "step": "plan",
+        "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]],
+    }
+    session = planned(Session(tmp_path), processes=BOTH)
+    session.process("talk-1", artifact=None, **died_of("BOOL", "STRING", "True"))
+    finding = judged("launch_nodes", wanted, session.node("/listener"), findings={"types": charged})
+    assert finding.credit == Decimal(credit)
+
+
 def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
     """A node that ends with an error, as one with a parameter of a wrong type, does not count by its first moment."""
     said = [
