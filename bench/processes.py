@@ -81,9 +81,9 @@ def _line(process: Process, known: Mapping[int, Process]) -> list[Process]:
 
 def with_command(process: Process, seen: Mapping[int, Process]) -> Process:
     """Return a process with the command of its last look; one that has ended shows none."""
-    before = seen.get(process.pid)
-    if process.command or before is None:
+    if process.command:
         return process
+    before = seen.get(process.pid, process)
     return replace(process, command=before.command)
 
 
