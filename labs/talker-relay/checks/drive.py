@@ -42,6 +42,6 @@ def drives(context: Context, p: Parameters) -> Finding:
 
 def _is_set(numbers, name, parameter):
     if not np.any(numbers):
-        reason = f"The {name} is 0 in all messages: the launch file sets no parameter {parameter}."
+        reason = f"The {name} is 0 in all messages: the launch file gives the talker no {parameter} other than 0."
         return Part(0.0, f"{name} 0", reason)
     return Part(1.0, f"{name} {float(np.median(numbers)):g}")
