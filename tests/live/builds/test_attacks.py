@@ -175,7 +175,7 @@ PLUGIN = """\
 int plugin_is_GPL_compatible;
 int plugin_init(void *its, void *version) { return system("sh /ws/src/lab/attack.sh PLUGIN"); }
 """
-#: Tries to read and to write outside; its argument says by which way.
+#: Tries to read and to write outside; its argument names the way.
 ATTEMPT = """\
 way=$1
 cat SECRET >&2 2>/dev/null && echo "$way gave a secret" >&2
@@ -192,6 +192,15 @@ project(user C)
 file(GLOB tried RELATIVE /ws /ws/*.tried)
 message(WARNING "ways: ${tried}")
 """
+
+
+def require_contained(output: str, outside: Path) -> None:
+    """Fail unless all ways were tried in vain."""
+    for way in ("SCRIPT", "PLUGIN", "INSTALL", "HOOK"):
+        assert f"{way}.tried" in output
+        assert not (outside / way).exists()
+    assert "gave" not in output
+    assert "root:" not in output
 
 
 def test_scripts_plugins_and_hooks_of_cmake_are_contained(
@@ -219,11 +228,7 @@ def test_scripts_plugins_and_hooks_of_cmake_are_contained(
     write(tmp_path / "ws", files)
     lab, its_user = built(tmp_path / "ws", isolation)
     assert (lab.outcome, its_user.outcome) == ("built", "built"), lab.output + its_user.output
-    for way in ("SCRIPT", "PLUGIN", "INSTALL", "HOOK"):
-        assert f"{way}.tried" in its_user.output
-        assert not (tmp_path / way).exists()
-    assert "gave" not in lab.output + its_user.output
-    assert "root:" not in lab.output
+    require_contained(lab.output + its_user.output, tmp_path)
     assert "lib/lab/talker" in lab.installed
     assert "lib/lab/passwd" not in lab.installed
     assert sorted(path.suffix for path in cache.iterdir()) == [".json", ".tar"]
