@@ -12,7 +12,7 @@ from typing import Any
 from grader.evidence.bounds import Interval
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
-from grader.evidence.crash.diagnosis import ended_by_signal, explain
+from grader.evidence.crash.diagnosis import crashed_at, ended_by_signal, explain
 from grader.evidence.crash.hang import hang_of
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
@@ -130,6 +130,8 @@ class Context:
         found = explain(run.output, files, run.interrupted_ns)
         if found is None:
             found = ended_by_signal(run, files)
+        elif found.file is None:
+            found = crashed_at(found, run, files)
         if found is None or found.file is None:
             return found
         return corrected(found, self.submission.texts)

@@ -29,6 +29,8 @@ _SIGNALLED = 128
 _LONGEST_QUOTE = 200
 #: Callers of a crashed function that are named.
 _MOST_CALLERS = 3
+#: Name of a lambda function of C++ with its parameters, and everything behind it.
+_LAMBDA = re.compile(r"\{lambda\(.*")
 #: Characters of a function's name that are quoted.
 _LONGEST_FUNCTION = 100
 #: Message of pybind11 about a signal's exception while it converts an argument.
@@ -146,15 +148,20 @@ def ended_by_signal(run: ProcessRun, root_files: Collection[str]) -> Diagnosis |
     if number not in table()["signals"]:
         return None
     name, remedy = table()["signals"][number]
-    frames = _own_frames(run, root_files)
-    problem = f"The program ended by signal {number} ({name}){_place(frames)}."
+    problem = f"The program ended by signal {number} ({name})."
     written = [line.text.strip() for line in plain_lines(run.output) if line.text.strip()]
     if written:
         problem += f" The last line of its output is {written[-1][:_LONGEST_QUOTE]!r}."
-    found = Diagnosis("signal", problem, remedy, subject=name)
-    if frames:
-        found = replace(found, file=frames[0].file, line=frames[0].line)
-    return found
+    return crashed_at(Diagnosis("signal", problem, remedy, subject=name), run, root_files)
+
+
+def crashed_at(found: Diagnosis, run: ProcessRun, root_files: Collection[str]) -> Diagnosis:
+    """Return a diagnosis with the student's frames of a compiled program's crash, if there are any."""
+    frames = _own_frames(run, root_files)
+    if not frames:
+        return found
+    problem = f"{found.problem} It was in {_place(frames)}."
+    return replace(found, problem=problem, file=frames[0].file, line=frames[0].line)
 
 
 def _own_frames(run: ProcessRun, root_files: Collection[str]) -> list[StackFrame]:
@@ -167,16 +174,14 @@ def _own_frames(run: ProcessRun, root_files: Collection[str]) -> list[StackFrame
 
 
 def _place(frames: Sequence[StackFrame]) -> str:
-    """Return the frame of a crash and its callers in words, such as " in first() at talker.c:8, called by main() ..."."""
+    """Return the frame of a crash and its callers in words, such as "first() at talker.c:8, called by main() ..."."""
     named = []
     for frame in frames[: 1 + _MOST_CALLERS]:
-        function = frame.function[:_LONGEST_FUNCTION]
+        function = _LAMBDA.sub("{lambda}", frame.function)[:_LONGEST_FUNCTION]
         if "(" not in function:
             function += "()"
         named.append(f"{function} at {PurePosixPath(frame.file).name}:{frame.line}")
-    if not named:
-        return ""
-    return " in " + ", called by ".join(named)
+    return ", called by ".join(named)
 
 
 def ended_by_limit(run: ProcessRun) -> bool:

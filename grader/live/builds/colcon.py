@@ -41,6 +41,9 @@ _VERSIONS = (*_PARTS, "ros-jazzy-rclpy", "ros-jazzy-ament-cmake", "ros-jazzy-ame
 #: Folder of the file that CMake reads in each project, here and as a build sees it.
 INSIDE_FOLDER = Path(__file__).parent / "inside"
 _INSIDE = "/building"
+#: Folder of the grader's setuptools as a build sees it, and names of its parts.
+_SETUPTOOLS = "/setuptools"
+_PARTS_OF_SETUPTOOLS = ("setuptools", "setuptools-*-info", "_distutils_hack", "pkg_resources")
 #: Name of the file with the output in the area of temporary files.
 _OUTPUT = "output.txt"
 #: Bytes of the output that are kept from its beginning and from its end.
@@ -103,17 +106,33 @@ def builder_versions() -> dict[str, str]:
     return found
 
 
+def _own_setuptools() -> dict[str, Path]:
+    """Return the folders of the grader's setuptools, by their places in a build.
+
+    An installation can have another one, for another interpreter than the grader's; Debian changes its own.
+    """
+    found = {}
+    spec = find_spec("setuptools")
+    assert spec is not None
+    assert spec.origin is not None
+    modules = Path(spec.origin).parents[1]
+    for pattern in _PARTS_OF_SETUPTOOLS:
+        for folder in modules.glob(pattern):
+            found[f"{_SETUPTOOLS}/{folder.name}"] = folder
+    return found
+
+
 def run_colcon(isolation: Isolation, room: StudentRoom, time_s: float, ros: Installation) -> Ran:
     """Build the workspace of a room in a sandbox of its own, and end the build after some time.
 
     The packages lie below `src` in the workspace; each is installed below `install` in a prefix of its name.
     """
-    tools = {**room.tools, _INSIDE: INSIDE_FOLDER}
+    tools = {**room.tools, _INSIDE: INSIDE_FOLDER, **_own_setuptools()}
     room = replace(room, tools=tools)
     seen = room.seen(isolation)
     environment = {
         **ros_environment(ros),
-        "PYTHONPATH": ":".join(ros.modules),
+        "PYTHONPATH": ":".join([_SETUPTOOLS, *ros.modules]),
         "HOME": seen[HOME],
         "TMPDIR": seen[TEMPORARY],
         "COLCON_EXTENSION_BLOCKLIST": ":".join(_NOT_NEEDED),

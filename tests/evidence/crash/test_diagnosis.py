@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grader.evidence.crash.causes import Diagnosis
-from grader.evidence.crash.diagnosis import advisories, ended_by_signal, explain
+from grader.evidence.crash.diagnosis import advisories, crashed_at, ended_by_signal, explain
 from grader.recording.session import OutputLine, ProcessRun, StackFrame
 from tests.thorough import part
 
@@ -798,8 +798,20 @@ def test_a_crash_is_named_by_the_students_frames() -> None:
     found = ended_by_signal(run, ["arm/src/talker.cpp"])
     assert found is not None
     assert (found.file, found.line) == ("arm/src/talker.cpp", 12)
-    words = "(segmentation fault) in Talker::on_timer() at talker.cpp:12, called by main() at talker.cpp:31."
+    words = "It was in Talker::on_timer() at talker.cpp:12, called by main() at talker.cpp:31."
     assert words in found.problem
+
+
+def test_an_uncaught_exception_of_cpp_is_located() -> None:
+    """The words of the program explain it, and the frames show where; a lambda is named without its parameters."""
+    function = "Relay::Relay()::{lambda(std_msgs::msg::String const&)#1}::operator()() const"
+    crash = [StackFrame("arm/src/relay.cpp", 14, function)]
+    run = ProcessRun("it", "student", [], exited_ns=5, exit_status=134, crash=crash)
+    words = Diagnosis("crash", "Nothing caught it.", "")
+    found = crashed_at(words, run, ["arm/src/relay.cpp"])
+    assert found.problem == "Nothing caught it. It was in Relay::Relay()::{lambda} at relay.cpp:14."
+    assert (found.file, found.line) == ("arm/src/relay.cpp", 14)
+    assert crashed_at(words, run, ["arm/src/other.cpp"]) == words
 
 
 @pytest.mark.parametrize(

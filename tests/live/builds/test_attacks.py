@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import socket
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
 
 import grader
 from confine.isolation import Isolation
+from grader.live.builds.build import lacking_compiler
 from grader.recording.submission import BuildFact
 from tests.live.builds.test_build import ENOUGH_S, built, cache, isolation
 from tests.ros_packages import PACKAGE, SETUP, write
@@ -29,6 +31,7 @@ def attacked(folder: Path, isolation: Isolation, attack: str, **more: str) -> Bu
 
 TRY = """
 import sys
+import tarfile
 def attempt(what, act):
     try:
         print(what, "gave", act(), file=sys.stderr)
@@ -151,3 +154,84 @@ def test_a_flood_of_files_ends_the_build(tmp_path: Path, isolation: Isolation) -
     fact = attacked(tmp_path, isolation, attack)
     assert fact.outcome == "failed"
     assert "more files" in fact.output
+
+
+#: A package with CMake for everything: its script, a plugin for the compiler and an environment hook attack.
+CMAKE = """\
+cmake_minimum_required(VERSION 3.8)
+project(lab C)
+execute_process(COMMAND sh ${CMAKE_SOURCE_DIR}/attack.sh SCRIPT)
+execute_process(COMMAND cc -shared -fPIC -o ${CMAKE_BINARY_DIR}/plugin.so ${CMAKE_SOURCE_DIR}/plugin.c)
+add_compile_options(-fplugin=${CMAKE_BINARY_DIR}/plugin.so)
+add_executable(talker talker.c)
+install(TARGETS talker DESTINATION lib/lab)
+install(FILES hook.sh DESTINATION share/lab RENAME local_setup.sh)
+install(CODE "execute_process(COMMAND sh ${CMAKE_SOURCE_DIR}/attack.sh INSTALL)")
+install(CODE "file(CREATE_LINK /etc/passwd ${CMAKE_INSTALL_PREFIX}/lib/lab/passwd SYMBOLIC)")
+install(CODE "file(CREATE_LINK / ${CMAKE_INSTALL_PREFIX}/share/lab/root SYMBOLIC)")
+"""
+PLUGIN = """\
+#include <stdlib.h>
+int plugin_is_GPL_compatible;
+int plugin_init(void *its, void *version) { return system("sh /ws/src/lab/attack.sh PLUGIN"); }
+"""
+#: Tries to read and to write outside; its argument names the way.
+ATTEMPT = """\
+way=$1
+cat SECRET >&2 2>/dev/null && echo "$way gave a secret" >&2
+echo x 2>/dev/null >CACHE/$way && echo "$way gave a cache" >&2
+echo x 2>/dev/null >OUTSIDE/$way && echo "$way gave a file" >&2
+echo "$way tried" >&2
+echo x >>/ws/$way.tried
+true
+"""
+#: A package that needs the one above; its script tells which ways were tried.
+USER = """\
+cmake_minimum_required(VERSION 3.8)
+project(user C)
+file(GLOB tried RELATIVE /ws /ws/*.tried)
+message(WARNING "ways: ${tried}")
+"""
+
+
+def require_contained(output: str, outside: Path) -> None:
+    """Fail unless all ways were tried in vain."""
+    for way in ("SCRIPT", "PLUGIN", "INSTALL", "HOOK"):
+        assert f"{way}.tried" in output
+        assert not (outside / way).exists()
+    assert "gave" not in output
+    assert "root:" not in output
+
+
+def test_scripts_plugins_and_hooks_of_cmake_are_contained(
+    tmp_path: Path, isolation: Isolation, cache: Path
+) -> None:
+    """CMake's script, a plugin of the compiler, an installing step and a hook run, and reach nothing outside."""
+    if lacking_compiler():
+        pytest.skip(f"not here: {lacking_compiler()}")
+    secret = tmp_path / "secret.txt"
+    secret.write_text("the secret", encoding="utf-8")
+    cache.mkdir(parents=True)
+    attempt = ATTEMPT.replace("SECRET", str(secret)).replace("CACHE", str(cache))
+    manifest = PACKAGE["package.xml"].replace("ament_python", "ament_cmake")
+    user = manifest.replace("<name>lab<", "<name>user<")
+    files = {
+        "lab/package.xml": manifest,
+        "lab/CMakeLists.txt": CMAKE,
+        "lab/attack.sh": attempt.replace("OUTSIDE", str(tmp_path)),
+        "lab/hook.sh": "sh /ws/src/lab/attack.sh HOOK\n",
+        "lab/plugin.c": PLUGIN,
+        "lab/talker.c": "int main(void) { return 0; }\n",
+        "user/package.xml": user.replace("</package>", "<depend>lab</depend></package>"),
+        "user/CMakeLists.txt": USER,
+    }
+    write(tmp_path / "ws", files)
+    lab, its_user = built(tmp_path / "ws", isolation)
+    assert (lab.outcome, its_user.outcome) == ("built", "built"), lab.output + its_user.output
+    require_contained(lab.output + its_user.output, tmp_path)
+    assert "lib/lab/talker" in lab.installed
+    assert "lib/lab/passwd" not in lab.installed
+    assert sorted(path.suffix for path in cache.iterdir()) == [".json", ".tar"]
+    (archive,) = cache.glob("*.tar")
+    with tarfile.open(archive) as kept:
+        assert all(not member.issym() for member in kept)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from confine.interpreters import OWN_INTERPRETER
 from confine.isolation import Isolation
 from grader.live.builds import build, colcon
 from grader.live.builds.build import build_packages, can_build
+from grader.live.sandbox.installation import wheels_of
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.submission import BuildFact
 from tests.live.builds.reading import read
@@ -144,3 +146,21 @@ def test_a_package_in_c_without_its_tools_here_is_not_built(
     (fact,) = built(tmp_path / "ws", isolation)
     assert fact.outcome == "not built"
     assert "lacks libssl-dev" in fact.reason
+
+
+def test_a_package_is_built_with_the_graders_setuptools(
+    tmp_path: Path, isolation: Isolation
+) -> None:
+    """An installation's own setuptools, perhaps for another Python, is not used."""
+    broken = tmp_path / "opt/modules/setuptools"
+    write(broken, {"__init__.py": "raise ImportError('made for another Python')\n"})
+    wheels = wheels_of(OWN_INTERPRETER)
+    paths = {**wheels.paths, "PYTHONPATH": (str(broken.parent), *wheels.modules)}
+    ros = replace(wheels, paths=paths, prefix=tmp_path / "opt")
+    write(tmp_path / "ws", PACKAGE)
+    submission = read(tmp_path / "ws")
+    prefixes = tmp_path / "prefixes"
+    prefixes.mkdir()
+    found = build_packages(tmp_path / "ws", submission, isolation, ENOUGH_S, prefixes, ros)
+    assert found is not None
+    assert found[0].outcome == "built", found[0].output
