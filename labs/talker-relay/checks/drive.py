@@ -60,7 +60,7 @@ def _left_out(context: Context, plan: str) -> set[str]:
     return names
 
 
-def _is_set(numbers: list[float], name: str, parameter: str) -> Part:
+def _is_set(numbers: list[np.ndarray], name: str, parameter: str) -> Part:
     if not np.any(numbers):
         reason = f"The {name} is 0 in all messages: the launch file sets no parameter {parameter}."
         return Part(0.0, f"{name} 0", reason)
