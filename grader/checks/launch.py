@@ -491,6 +491,12 @@ class LaunchNodes(Parameters):
     down_costs: Share = Field(
         0.0, description="Least share of the credit that is lost where one of them does not run."
     )
+    other_step: ref.PlanLabel | None = Field(
+        None, description="Step that evaluated the file with other arguments."
+    )
+    optional_costs: Share = Field(
+        0.4, description="Share of the credit that is lost where these arguments leave a node out."
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the nodes."""
@@ -555,8 +561,30 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     parts = [_judge_node(context, p, wanted, entries) for wanted in p.nodes]
     parts = _less_for_missing(parts, p.down_costs)
     up = _nodes_up(context, plan) or "no node of the student in the graph"
-    finding = of_parts(expected, parts, measured=up)
+    costs = _left_out_by_arguments(context, p, entries)
+    finding = of_parts(expected, parts, measured=up, costs=costs)
     return replace(finding, retry=not any(part.doubt for part in parts))
+
+
+def _left_out_by_arguments(
+    context: Context, p: LaunchNodes, entries: Mapping[str, Process | None]
+) -> list[tuple[float, str]]:
+    """Charge the nodes that the file starts with its default arguments only."""
+    if p.other_step is None:
+        return []
+    other = plan_of(context, p.other_step)
+    if other.problem is not None or _has_components(other):
+        return []
+    left_out = []
+    for wanted in p.nodes:
+        if entries[wanted.node] is None:
+            continue
+        if _entry_for(context, other, wanted.node, wanted.executable) is None:
+            left_out.append(wanted.node)
+    if not left_out:
+        return []
+    reason = f"With other arguments the file does not start {', '.join(left_out)}."
+    return [(p.optional_costs, reason)]
 
 
 def _absent(context: Context, entries: Mapping[str, Process | None]) -> list[str]:
@@ -825,6 +853,7 @@ class WantedNodeParameter(Parameters):
     argument: ref.GivenName | None = Field(
         None, description="Launch argument that it follows; its default is judged elsewhere."
     )
+    weight: float = Field(1.0, gt=0, description="Weight beside the other parameters.")
 
 
 class LaunchParameters(Parameters):
@@ -857,7 +886,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
             continue
         if wanted.name in left_out.get(entry.id, ()):
             # The check of the loading charges the argument without a value.
-            parts.append(Part(1.0))
+            parts.append(Part(1.0, weight=wanted.weight))
             continue
         part = _judge_parameter(context, p, wanted, entry, plan, other)
         if entry.file and part.reason:
@@ -865,7 +894,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
             part = replace(part, where=(location,))
         if wanted.argument is not None:
             part = context.charge_part(part, _argument_cause(wanted.argument))
-        parts.append(part)
+        parts.append(replace(part, weight=wanted.weight))
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
     return of_parts(expected, parts)
@@ -1237,7 +1266,7 @@ def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
     if launched in (topic, by_hand):
         return []
     reason = f"Launched, the commands are on {launched}, and alone on {by_hand}. "
-    reason += "A namespace moves each topic without a leading '/', and only these."
+    reason += "A namespace moves each topic without a leading '/', and a remapping the topics that it names."
     return [(1.0, reason)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from fnmatch import filter as filter_names
 from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 from typing import ClassVar
@@ -28,11 +29,16 @@ from grader.evidence.installed_faults import (
     use_fault,
 )
 from grader.evidence.known_packages import ros_packages
-from grader.evidence.manifest_faults import misspelt_dependencies, undeclared_dependencies
+from grader.evidence.manifest_faults import (
+    manifest_problem,
+    misspelt_dependencies,
+    undeclared_dependencies,
+)
 from grader.lab import references as ref
 from grader.lab.references import Parameters
 from grader.recording.submission import BuildFact, PackageFact
 from grader.result import Finding, Location
+from grader.submission.packages.colcon import is_launch_file
 
 #: Names that are listed in a reason.
 _MOST_NAMED = 5
@@ -55,7 +61,8 @@ class PackageBuilds(Parameters):
         (), description="Executables that `ros2 run` must find; by default all that are declared."
     )
     files: tuple[str, ...] = Field(
-        (), description="Patterns of files that must be installed below share/PACKAGE."
+        (),
+        description="Patterns of files that must be installed below share/PACKAGE; launch files may be in any folder there.",
     )
     builds: float = Field(4.0, ge=0, description="Weight of a build without an error.")
     runs: float = Field(2.0, ge=0, description="Weight of the executables.")
@@ -182,23 +189,37 @@ def _shares(context: Context, p: PackageBuilds, package: PackageFact, build: Bui
     """Judge the wanted files in the share folder of the package."""
     if not p.files:
         return Part(1.0)
-    missing = []
-    for pattern in p.files:
-        wanted = f"share/{package.name}/{pattern}"
-        if not any(fnmatchcase(path, wanted) for path in build.installed):
-            missing.append(pattern)
+    missing = [pattern for pattern in p.files if not _is_installed(pattern, build)]
     if not missing:
         return Part(1.0, "its files are installed")
     named = _named(missing)
     reason = f"The package {package.name} does not install {named} in share/{package.name}."
     folder = str(PurePosixPath(missing[0]).parent)
-    hint = f"Add ('share/{package.name}/{folder}', ['{missing[0]}']) to data_files in setup.py."
+    source = f"['{missing[0]}']"
+    if "*" in missing[0]:
+        source = f"glob('{missing[0]}')"
+    hint = f"Add ('share/{package.name}/{folder}', {source}) to data_files in setup.py."
     where = _in_build_file(context, package, f"/{folder}'", f'/{folder}"', "data_files")
     if package.build_type != "ament_python":
         hint = f"Add install(DIRECTORY {folder} DESTINATION share/${{PROJECT_NAME}}) to CMakeLists.txt."
         where = _in_build_file(context, package, f"DIRECTORY {folder}", "ament_package(")
     share = 1 - len(missing) / len(p.files)
     return Part(share, f"without {named}", reason, hint=hint, where=where)
+
+
+def _is_installed(pattern: str, build: BuildFact) -> bool:
+    """Return whether a file fits a pattern; `ros2 launch` finds a launch file in any folder below share/PACKAGE."""
+    share = f"share/{build.package}/"
+    name = PurePosixPath(pattern).name
+    launch = []
+    for path in build.installed:
+        if fnmatchcase(path, f"{share}{pattern}"):
+            return True
+        if not path.startswith(share):
+            continue
+        if is_launch_file(path):
+            launch.append(PurePosixPath(path).name)
+    return bool(filter_names(launch, name))
 
 
 def _marker(context: Context, p: PackageBuilds, package: PackageFact, build: BuildFact) -> Part:
@@ -216,10 +237,13 @@ def _marker(context: Context, p: PackageBuilds, package: PackageFact, build: Bui
 
 def _declares(context: Context, p: PackageBuilds, package: PackageFact, build: BuildFact) -> Part:
     """Judge whether package.xml names all imported packages of ROS, and by their names."""
+    manifest = context.submission.texts.get(within(package, "package.xml"), "")
+    if manifest_problem(manifest) is not None:
+        return Part(1.0, "its package.xml is not read")
     misspelt = misspelt_dependencies(context.submission, package)
     for name, meant in misspelt.items():
         reason = f"package.xml of {package.name} names {name}, which no distribution of ROS 2 has."
-        line = line_with(context.submission.texts[within(package, "package.xml")], f">{name}<")
+        line = line_with(manifest, f">{name}<")
         place = replace(_manifest(package), line=line)
         hint = f"Write {meant} instead of {name}."
         return Part(0.0, f"{name} misspelt", reason, hint=hint, where=(place,))

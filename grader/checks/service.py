@@ -370,9 +370,10 @@ def _wrong_fields(answered: _Answered, p: CallAnswered) -> Finding | None:
     """State which fields of an answer have other values; None if all are right."""
     wrong = []
     for name, value in p.response.items():
-        got = answered.response.get(name)
-        if got != value:
-            wrong.append(f"{name} is {got!r}, not {value!r}")
+        if name not in answered.response:
+            wrong.append(f"there is no field {name}")
+        elif answered.response[name] != value:
+            wrong.append(f"{name} is {answered.response[name]!r}, not {value!r}")
     if not wrong:
         return None
     reason = f"In the answer, {' and '.join(wrong)}."

@@ -12,7 +12,8 @@ from rich.console import Console
 
 from confine.priority import going_first
 from grader.commands.arguments import as_sentence, parser_of, print_note, require_unused
-from grader.lab.shipped_labs import sample_submission
+from grader.lab.kept_lab import RUBRIC_FILE, lab_folder
+from grader.lab.shipped_labs import require_extras, sample_submission
 
 _WORDS = "write a sample submission into this folder, and grade it"
 #: Folder of the results, which `grade` uses by default.
@@ -37,6 +38,11 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Write the sample and grade it; returns the exit status."""
     folder: Path = make_parser().parse_args(arguments).folder
     require_unused(folder)
+    # A memory limit can prevent the imports below.
+    importlib.import_module("grader.live.sandbox.enough").require_limits()
+    rubrics = importlib.import_module("grader.judging.rubrics")
+    # A missing extra is named before anything is written; then the same command works once it is installed.
+    require_extras(rubrics.read_rubric(lab_folder() / RUBRIC_FILE))
     source = sample_submission()
     sample = folder / source.name
     shutil.copytree(source, sample, ignore=shutil.ignore_patterns("__pycache__"))

@@ -45,7 +45,7 @@ def build_fault(
 ) -> BuildFault | None:
     """Return the fault at which a build stopped; None for a package that was built, or that nobody could build here."""
     if build.outcome == "ignored":
-        return _ignored(package, texts)
+        return _ignored(package, build, texts)
     if build.outcome != "failed":
         return None
     found = _place_of(package, f"{build.output}\n")
@@ -67,9 +67,17 @@ def is_put_aside(package: PackageFact, texts: Mapping[str, str]) -> bool:
     return any(str(above / "COLCON_IGNORE") in texts for above in parents)
 
 
-def _ignored(package: PackageFact, texts: Mapping[str, str]) -> BuildFault:
-    """Return the fault of a package that colcon does not find."""
+def _ignored(package: PackageFact, build: BuildFact, texts: Mapping[str, str]) -> BuildFault:
+    """Return the fault of a package that colcon does not find, or cannot build."""
     manifest = within(package, "package.xml")
+    if f"No task extension to 'build' a 'ros.{package.build_type}'" in build.output:
+        message = (
+            f"`colcon build` leaves out the package {package.name}: "
+            f"there is no build type {package.build_type}."
+        )
+        remedy = f"Write <build_type>{_type_meant(package, texts)}</build_type>."
+        line = line_with(texts.get(manifest, ""), "<build_type>")
+        return BuildFault(message, remedy, manifest, line)
     for problem in package.problems:
         if problem.startswith("package.xml"):
             message = f"`colcon build` finds no package of ROS in {manifest}: {problem}"
@@ -80,6 +88,13 @@ def _ignored(package: PackageFact, texts: Mapping[str, str]) -> BuildFault:
         return BuildFault(message, "Remove COLCON_IGNORE.", manifest)
     remedy = "Move the package out of the folder of the other package."
     return BuildFault(f"{message}: it lies inside another package.", remedy, manifest)
+
+
+def _type_meant(package: PackageFact, texts: Mapping[str, str]) -> str:
+    """Return the build type of a package by its build file."""
+    if within(package, "CMakeLists.txt") in texts:
+        return "ament_cmake"
+    return "ament_python"
 
 
 def _place_of(package: PackageFact, output: str) -> _Place:
@@ -163,6 +178,11 @@ def _of_setuptools(package: PackageFact, output: str) -> _Place | None:
     return None
 
 
+#: A function with two bodies, and the object file of the second.
+_TWICE = re.compile(
+    r"CMakeFiles/[^/\s]{1,200}\.dir/(\S{1,300}?)\.o: in function `[^\n]{1,300}\n[^\n]{1,500}"
+    r"(multiple definition of `([^'\n]{1,300})')"
+)
 #: A function without a body, and the object file of its call before that.
 _LINKER = re.compile(
     r"CMakeFiles/[^/\s]{1,200}\.dir/(\S{1,300}?)\.o\b(?s:.){0,500}?(undefined reference to `([^'\n]{1,300})')"
@@ -170,7 +190,7 @@ _LINKER = re.compile(
 
 
 def _of_linker(package: PackageFact, output: str) -> _Place | None:
-    match = _LINKER.search(output)
+    match = _LINKER.search(output) or _TWICE.search(output)
     if match is None:
         return None
     file, words, symbol = match.groups()
@@ -203,7 +223,7 @@ def _of_cmake(package: PackageFact, output: str) -> _Place | None:
         if file == _INSTALLING:
             return _Place(text, name, line_has=PurePosixPath(_quoted(text)).name)
         if "PROJECT_NAME" in text:
-            return _Place(text, name, line_has="project(")
+            return _Place(text, name, line_has=_project_line(text))
         if _ELSEWHERE.match(file):
             return _Place(text, name, _called_at(output[match.end() :]))
         if file != _SCRIPT:
@@ -211,8 +231,15 @@ def _of_cmake(package: PackageFact, output: str) -> _Place | None:
         return _Place(text, name, int(number))
     if "does not appear to contain CMakeLists.txt" in output:
         words = "there is no CMakeLists.txt, and package.xml names no other build type."
-        return _Place(words, within(package, "package.xml"))
+        return _Place(words, within(package, "package.xml"), line_has="<build_type>")
     return None
+
+
+def _project_line(words: str) -> str:
+    """Return the text of the line that a message about the project concerns."""
+    if "not a valid project name" in words:
+        return "cmake_minimum_required"
+    return "project("
 
 
 def _called_at(output: str) -> int | None:
@@ -267,7 +294,10 @@ def _line_of(found: _Place, texts: Mapping[str, str]) -> int | None:
     if quoted is None:
         return None
     name = quoted[1]
-    return line_with(text, name, f"{PurePosixPath(name).parent}/", "packages=")
+    folder = f"{PurePosixPath(name).parent}/"
+    # Two entry points without a comma between them are one text.
+    entry, _, _ = name.partition(":")
+    return line_with(text, name, folder, entry, "packages=")
 
 
 #: Words of a message -> remedy; `{0}` is the first group, `{package}` the package.
@@ -293,10 +323,18 @@ _REMEDIES = (
         r"^(?:Syntax|Indentation|Tab)Error",
         "Correct the syntax of the file; `python3 setup.py --version` shows the error.",
     ),
+    (
+        r"name 'find_packages' is not defined",
+        "Write `from setuptools import find_packages, setup`.",
+    ),
+    (r"name 'glob' is not defined", "Write `from glob import glob` at the top of setup.py."),
+    (r"name '(\w+)' is not defined", "Import {0} at the top of setup.py, or correct its name."),
+    (r"'module' object is not callable", "Write `from glob import glob` instead of `import glob`."),
+    (r"Multiple top-level packages", "Write packages=find_packages(exclude=['test']) in setup()."),
     (r"No module named '(.+?)'", "A setup.py imports setuptools alone; remove the import of {0}."),
     (
         r"entry point",
-        "Write entry points as 'name = package.module:function', with dots instead of slashes.",
+        "Write entry points as 'name = package.module:function', with dots instead of slashes, and without dashes.",
     ),
     (
         r"passed package name '(.+?)' was not found",
@@ -316,6 +354,28 @@ _REMEDIES = (
         r'INSTALL cannot find "(.+?)"',
         "Add {0}, or remove it from install() in CMakeLists.txt.",
     ),
+    (
+        r"doesn't contain an '__init__\.py'",
+        "Add an empty file __init__.py to the folder that ament_python_install_package names.",
+    ),
+    (
+        r"not a valid project name",
+        "Write project({package}) below cmake_minimum_required.",
+    ),
+    (
+        r'cannot create target "(.+?)" because another target',
+        "Remove one of the commands that make {0}, or give it another name.",
+    ),
+    (
+        r'Unknown CMake command "rosidl_generate_interfaces"',
+        "Add find_package(rosidl_default_generators REQUIRED) before it.",
+    ),
+    (
+        r'Unknown CMake command "ament_python_install_package"',
+        "Add find_package(ament_cmake_python REQUIRED) before it.",
+    ),
+    (r'Unknown CMake command "ament_\w+"', "Add find_package(ament_cmake REQUIRED) before it."),
+    (r"multiple definition of `(.+?)'", "Name only one source file with {0} in add_executable."),
     (r"^Parse error", "Write the closing bracket of this command."),
     (
         r"^(\w+)/\S+: No such file",
@@ -333,19 +393,85 @@ _REMEDIES = (
 
 
 def _remedy(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
-    misspelt = re.search(r'provided by "(.+?)"', words)
-    if misspelt is not None:
-        meant = package_meant_by(misspelt[1])
-        if meant:
-            return f"Write {meant} instead of {misspelt[1]}."
-    is_python = within(package, "setup.py") in texts
-    if "no CMakeLists.txt" in words and not is_python:
-        return "Add CMakeLists.txt; `ros2 pkg create --build-type ament_cmake` shows one."
+    """Return the remedy of a message, by the files of the package if they tell more than the message."""
+    for look in _BY_FILES:
+        remedy = look(package, words, texts)
+        if remedy:
+            return remedy
     for pattern, remedy in _REMEDIES:
         match = re.search(pattern, words)
         if match is not None:
             return remedy.format(*match.groups(), package=package.name)
     return f"Run `colcon build --packages-select {package.name}` until it ends without an error."
+
+
+def _meant_package(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
+    """Correct a misspelt package of find_package."""
+    misspelt = re.search(r'provided by "(.+?)"', words)
+    meant = package_meant_by(misspelt[1]) if misspelt is not None else ""
+    if misspelt is None or not meant:
+        return ""
+    return f"Write {meant} instead of {misspelt[1]}."
+
+
+def _missing_script(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
+    """Ask for a CMakeLists.txt in a package without a setup.py."""
+    if "no CMakeLists.txt" not in words or within(package, "setup.py") in texts:
+        return ""
+    return "Add CMakeLists.txt; `ros2 pkg create --build-type ament_cmake` shows one."
+
+
+def _wrong_root(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
+    """Correct a package_dir that leads to a missing folder."""
+    missing = re.search(r"package directory '(.+)/.+?' does not exist", words)
+    if missing is None or "package_dir" not in texts.get(within(package, "setup.py"), ""):
+        return ""
+    return f"Remove package_dir from setup.py, or move the folder of the modules into {missing[1]}."
+
+
+def _copied_folder(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
+    """Name the files of a folder in data_files."""
+    copied = re.search(r"can't copy '(.+?)'", words)
+    if copied is None:
+        return ""
+    folder = copied[1]
+    above = f"{within(package, folder)}/"
+    if not any(path.startswith(above) for path in texts):
+        return ""
+    script = texts.get(within(package, "setup.py"), "")
+    listed = folder
+    if f"'{folder}'" not in script and f'"{folder}"' not in script:
+        listed = str(PurePosixPath(folder).parent)
+    return f"{folder} is a folder, and data_files takes files: write glob('{listed}/*.*')."
+
+
+def _late_target(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
+    """Move the installation of a target below its definition."""
+    target = re.search(r'given target "(.+?)" which does not exist', words)
+    if target is None:
+        return ""
+    made = f"add_executable({target[1]} "
+    if made not in texts.get(within(package, _SCRIPT), ""):
+        return ""
+    return f"Write install(TARGETS {target[1]} ...) below {made}...)."
+
+
+def _missing_comma(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
+    """Separate two entry points that Python reads as one text."""
+    if not re.search(r"entry point '[^']*=[^']*=", words):
+        return ""
+    return "Write a comma between two entry points."
+
+
+#: Remedies that the files of a package tell.
+_BY_FILES = (
+    _meant_package,
+    _missing_script,
+    _wrong_root,
+    _copied_folder,
+    _late_target,
+    _missing_comma,
+)
 
 
 # -- folders of a build ----------------------------------------------------------------------------------

@@ -71,21 +71,33 @@ def _unseen_fault(
     for folder in ("hook", "environment"):
         if f"{share}/{folder}/ament_prefix_path.dsv" in build.installed:
             return None
+    why = _why_unseen(package, texts)
+    if why is None:
+        return None
+    message, remedy, file, line = why
     lost = (
         f"`ros2 run` and `ros2 launch` do not find the package {package.name}, although it is built"
     )
+    return BuildFault(f"{lost}: {message}.", remedy, file, line)
+
+
+def _why_unseen(
+    package: PackageFact, texts: Mapping[str, str]
+) -> tuple[str, str, str, int | None] | None:
+    """Return reason, remedy, file and line of a package that was built without the hook; None without its files."""
     manifest = within(package, "package.xml")
-    problem = None
-    if manifest in texts:
-        problem = manifest_problem(texts[manifest])
-    if problem is not None:
-        message = f"{lost}: colcon does not read its package.xml, because {problem.words}."
-        return BuildFault(message, problem.remedy, manifest, problem.line)
+    problem = manifest_problem(texts.get(manifest, ""))
+    if manifest in texts and problem is not None:
+        reason = f"colcon does not read its package.xml, because {problem.words}"
+        return reason, problem.remedy, manifest, problem.line
     script = within(package, "CMakeLists.txt")
     if script in texts and "ament_package" not in texts[script]:
-        message = f"{lost}: CMakeLists.txt does not call ament_package()."
-        return BuildFault(message, "Write ament_package() as its last line.", script)
-    return None
+        reason = "CMakeLists.txt does not call ament_package()"
+        return reason, "Write ament_package() as its last line.", script, None
+    if manifest not in texts:
+        return None
+    remedy = f"Compare it with one that `ros2 pkg create --build-type {package.build_type}` makes."
+    return "colcon does not read its package.xml", remedy, manifest, None
 
 
 def _is_cut(build: BuildFact) -> bool:
@@ -149,6 +161,8 @@ def _placement_fault(
     )
     place = within(package, "setup.cfg")
     cause = "setup.cfg names another folder"
+    if not re.search("install[_-]scripts", texts.get(place, "")):
+        cause = "setup.cfg has no install_scripts"
     if place not in texts:
         place = within(package, "setup.py")
         cause = "there is no setup.cfg"
@@ -174,6 +188,9 @@ def entry_fault(
         return None
     if package.build_type != "ament_python":
         return None
+    misspelt = _group_fault(package, script, text)
+    if misspelt is not None:
+        return misspelt
     modules = _installed_modules(build)
     for name, target in package.executables.items():
         module, _, function = target.partition(":")
@@ -189,6 +206,40 @@ def entry_fault(
             )
             return BuildFault(message, remedy, script, line_with(text, target, module))
     return None
+
+
+#: Group of the entry points that become executables.
+_GROUP = "console_scripts"
+
+
+def _group_fault(package: PackageFact, script: str, text: str) -> BuildFault | None:
+    """Return the fault of a setup.py with executables in a misspelt group, or with two groups of one name."""
+    groups = _groups_in(text)
+    lost = f"has no effect, so that executables of the package {package.name} are missing"
+    if groups.count(_GROUP) > 1:
+        message = f"setup.py names {_GROUP} twice; the first list {lost}."
+        remedy = f"Write all executables into one list {_GROUP}."
+        return BuildFault(message, remedy, script, line_with(text, _GROUP))
+    near = difflib.get_close_matches(_GROUP, groups, n=1)
+    if not near or _GROUP in groups:
+        return None
+    message = f"setup.py names {near[0]} instead of {_GROUP}; the list {lost}."
+    return BuildFault(message, f"Write {_GROUP}.", script, line_with(text, near[0]))
+
+
+def _groups_in(text: str) -> list[str]:
+    """Return the keys of the dictionary that a setup.py gives for its entry points."""
+    found: list[str] = []
+    try:
+        tree = parse_python(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return found
+    for node in ast.walk(tree):
+        match node:
+            case ast.keyword(arg="entry_points", value=ast.Dict(keys=keys)):
+                names = [key.value for key in keys if isinstance(key, ast.Constant)]
+                found += map(str, names)
+    return found
 
 
 def _capitalised(text: str) -> str:
@@ -220,10 +271,13 @@ def _module_fault(
     is_here = within(package, f"{path}.py") in texts
     beside = f"{folder.replace('.', '/')}/__init__.py"
     is_marked = not folder or within(package, beside) in texts
+    if is_here and not folder:
+        name = package.name
+        return problem, f"Move {path}.py into the folder {name}, and write {name}.{module}."
     if is_here and not is_marked:
         return problem, f"Add an empty file {beside}: find_packages takes no folder without it."
     if is_here:
-        return problem, f"Name the package {folder or module} in `packages` of setup.py."
+        return problem, f"Name the package {folder} in `packages` of setup.py."
     near = difflib.get_close_matches(module, sorted(modules), n=1)
     if near:
         return problem, f"Write {near[0]}, or add the file {path}.py."
@@ -241,6 +295,10 @@ def _function_fault(
         return None
     names = _names_in(tree)
     first, _, _ = function.partition(".")
+    wanting = _arguments_of(tree, function)
+    if wanting:
+        problem = f"and {function} needs the argument {wanting[0]}, which no executable gives"
+        return problem, f"Write def {function}({wanting[0]}=None) in {path}."
     if not names.isdisjoint(("*", "__getattr__", first)):
         return None
     functions = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
@@ -249,6 +307,19 @@ def _function_fault(
     if functions:
         return problem, f"Write {module}:{functions[0]}, or rename the function to {function}."
     return problem, f"Write a function {function}() in {path}, which starts the node."
+
+
+def _arguments_of(tree: ast.Module, function: str) -> list[str]:
+    """Return the arguments without a default of a plain function that a module defines once."""
+    nodes = []
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and node.name == function:
+            nodes.append(node)
+    if len(nodes) != 1 or nodes[0].decorator_list:
+        return []
+    given = nodes[0].args
+    positional = [argument.arg for argument in (*given.posonlyargs, *given.args)]
+    return positional[: len(positional) - len(given.defaults)]
 
 
 def _names_in(tree: ast.Module) -> set[str]:
@@ -295,6 +366,11 @@ def _copied_scripts(package: PackageFact, texts: Mapping[str, str]) -> dict[str,
     return found
 
 
+_BEGIN = "Begin the file with `#!/usr/bin/env python3`."
+#: First line with an `env` that no Linux has; the true one is /usr/bin/env, and /bin/env where both folders are one.
+_OTHER_ENV = re.compile(r"#!\s*(?!(?:/usr)?/bin/)\S*/env\b")
+
+
 def start_fault(
     package: PackageFact, build: BuildFact | None, texts: Mapping[str, str], named: Iterable[str]
 ) -> BuildFault | None:
@@ -305,14 +381,18 @@ def start_fault(
         return None
     file = broken[concerned[0]]
     message = f"Linux cannot start {', '.join(concerned)} of the package {package.name}"
-    if texts.get(file, "").startswith("#!"):
+    first, _, _ = texts.get(file, "").partition("\n")
+    if _OTHER_ENV.match(first):
+        message = f"{message}: there is no program {first.split()[0].removeprefix('#!')}."
+        return BuildFault(message, _BEGIN, file, 1)
+    if first.startswith("#!"):
         cause = "its lines end as on Windows, so that the `#!` line names no program"
         remedy = (
             f"Save the file with the line ends of Linux: `dos2unix {PurePosixPath(file).name}`."
         )
         return BuildFault(f"{message}: {cause}.", remedy, file, 1)
-    remedy = "Begin the file with `#!/usr/bin/env python3`."
-    return BuildFault(f"{message} (Exec format error): there is no `#!` line.", remedy, file, 1)
+    message = f"{message} (Exec format error): there is no `#!` line."
+    return BuildFault(message, _BEGIN, file, 1)
 
 
 def has_own_marker(build: BuildFact) -> bool:

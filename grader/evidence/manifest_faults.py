@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from xml.etree import ElementTree
 from grader.evidence.build_faults import line_with, within
 from grader.evidence.known_packages import package_meant_by
 from grader.recording.submission import PackageFact, SubmissionRecord
+from grader.submission.packages.colcon import is_launch_file
 
 _IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([A-Za-z_]\w*)", re.MULTILINE)
 _DEPENDENCY = re.compile(
@@ -33,6 +35,18 @@ _ELEMENTS = {
     "maintainer": (r"(?s).*\S.*", '<maintainer email="ann@example.org">Ann</maintainer>'),
     "license": (r"(?s).*\S.*", "<license>Apache-2.0</license>"),
 }
+#: Elements below <package>, by catkin_pkg.
+_OF_ALL_FORMATS = (
+    *_ELEMENTS,
+    *("url", "author", "export", "conflict", "replace"),
+    *("build_depend", "buildtool_depend", "test_depend"),
+)
+_OF_FORMAT_1 = (*_OF_ALL_FORMATS, "run_depend")
+_OF_LATER_FORMATS = {
+    *_OF_ALL_FORMATS,
+    *("depend", "exec_depend", "build_export_depend", "buildtool_export_depend", "doc_depend"),
+    *("group_depend", "member_of_group"),
+}
 _EMAIL = re.compile(r"[\w%+-]+(\.[\w%+-]+)*@[A-Za-z0-9%-]+(\.[A-Za-z0-9%-]+)*\.[a-zA-Z]{2,}")
 _LONGEST_MANIFEST = 100_000
 
@@ -46,13 +60,56 @@ def manifest_problem(text: str) -> ManifestProblem | None:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as problem:
         line, _ = problem.position
-        return ManifestProblem(f"it is not valid XML ({problem})", "Correct package.xml.", line)
+        return ManifestProblem(f"it is not valid XML ({problem})", _xml_remedy(str(problem)), line)
     except ValueError:
         return None
+    found = _structure_problem(root, text)
+    if found is not None:
+        return found
     for name in _ELEMENTS:
         found = _element_problem(root, name, text)
         if found is not None:
             return found
+    return None
+
+
+#: Beginnings of messages of the XML parser, and their remedies.
+_XML_REMEDIES = {
+    "not well-formed": "Correct package.xml; in a text, & is written &amp; and < is written &lt;.",
+    "XML or text declaration": "Correct package.xml: nothing stands before `<?xml`.",
+}
+
+
+def _xml_remedy(problem: str) -> str:
+    for beginning, remedy in _XML_REMEDIES.items():
+        if problem.startswith(beginning):
+            return remedy
+    return "Correct package.xml."
+
+
+def _structure_problem(root: ElementTree.Element, text: str) -> ManifestProblem | None:
+    """Return the first element that the format of a package.xml does not have, or that it has too often."""
+    number = root.get("format", "1")
+    known = set(_OF_FORMAT_1) if number == "1" else _OF_LATER_FORMATS
+    for element in root:
+        if element.tag in known:
+            continue
+        line = line_with(text, f"<{element.tag}")
+        if number == "1" and element.tag in _OF_LATER_FORMATS:
+            words = f"its format is 1, which has no <{element.tag}>"
+            first = line_with(text, "<package")
+            return ManifestProblem(words, 'Write <package format="3">.', first)
+        near = difflib.get_close_matches(str(element.tag), sorted(known), n=1)
+        if element.tag == "run_depend":
+            near = ["exec_depend"]
+        remedy = f"Remove <{element.tag}>."
+        if near:
+            remedy = f"Write <{near[0]}> instead of <{element.tag}>."
+        return ManifestProblem(f"<{element.tag}> is no element of it", remedy, line)
+    if len(root.findall("export/build_type")) > 1:
+        line = line_with(text, "<build_type")
+        remedy = "Remove all <build_type> but one."
+        return ManifestProblem("it has several <build_type>", remedy, line)
     return None
 
 
@@ -66,6 +123,9 @@ def _element_problem(root: ElementTree.Element, name: str, text: str) -> Manifes
     value = element.text.strip() if element.text else "empty"
     line = line_with(text, f"<{name}")
     if not re.fullmatch(pattern, value):
+        words = re.findall(r"[A-Za-z]\w*", value[:60])
+        if name == "name" and words:
+            remedy = f"Write <name>{'_'.join(words)}</name>, and this name in the other files."
         return ManifestProblem(f"its <{name}> is {value[:60]}", remedy, line)
     if name == "maintainer" and not _EMAIL.fullmatch(element.get("email", "")[:200]):
         return ManifestProblem("its <maintainer> has no valid email", remedy, line)
@@ -115,5 +175,7 @@ def _modules(submission: SubmissionRecord, package: PackageFact) -> Iterator[tup
     for path, text in submission.texts.items():
         inside = path.removeprefix(above)
         is_module = path.startswith(above) and path.endswith(".py")
+        if is_launch_file(path):
+            continue
         if is_module and not inside.startswith(("test/", "launch/")):
             yield path, text

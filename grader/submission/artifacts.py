@@ -15,13 +15,11 @@ from grader.lab.rubric import FINGERPRINTS_ENDING, ArtifactSpec, Rubric
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
-from grader.submission.file_names import TEXT_SUFFIXES, displayed
+from grader.submission.file_names import MAX_TEXT_BYTES, TEXT_SUFFIXES, displayed
 from grader.submission.packages.colcon import find_packages
 from grader.submission.packages.compiled import compiled_programs
 from grader.submission.submission_time import set_submission_time
 
-#: Largest text that is read.
-MAX_TEXT_BYTES = 512 * 1024
 #: Byte order marks of UTF-16; editors of Windows call this encoding "Unicode".
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _NOTEBOOK = ".ipynb"
@@ -290,7 +288,34 @@ def _chooser(found: dict[str, Candidates], record: SubmissionRecord, rubric: Rub
     for fact in record.packages:
         if fact.name == package:
             folders.append(PurePosixPath(fact.path))
-    return Chooser(found, hashes, package, folders)
+    candidates: set[PurePosixPath] = set()
+    for each in found.values():
+        candidates.update(each.ranks)
+    installed: set[PurePosixPath] = set()
+    for fact in record.packages:
+        build_files = _build_files(record, fact.path)
+        for path in candidates:
+            if _is_named(path, fact.path, build_files):
+                installed.add(path)
+    return Chooser(found, hashes, package, folders, installed)
+
+
+def _build_files(record: SubmissionRecord, package: str) -> str:
+    """Return the texts of a package's build files, given its folder."""
+    texts = ""
+    for name in ("setup.py", "CMakeLists.txt"):
+        path = f"{package}/{name}".lstrip("/")
+        texts += record.texts.get(path, "")
+    return texts
+
+
+def _is_named(path: PurePosixPath, package: str, build_files: str) -> bool:
+    """Return whether the build files of a package name the folder of one of its files."""
+    if not path.is_relative_to(package):
+        return False
+    folder = re.escape(str(path.parent.relative_to(package)))
+    named = re.search(rf"['\"\s]{folder}['\"/\s)]", build_files)
+    return named is not None
 
 
 def _free_programs(

@@ -1,15 +1,15 @@
 """Choose the student's work among files of one name, beside a tutorial or an earlier version.
 
-The criteria are the files' contents, the lab's package, the lab's programs named in a launch file, and the number of
-the lab's files in each folder; never the depth of a file. A student's text about the folders is not read, because it
-can claim anything.
+The criteria are the files' contents, the lab's package, the lab's programs named in a launch file, the folders that
+build files name, and the number of the lab's files in each folder; never the depth of a file. A student's text about
+the folders is not read, because it can claim anything.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
@@ -63,6 +63,8 @@ class _Group:
     in_package: bool
     #: Largest number of the lab's programs named in one of the files.
     programs: int
+    #: True if the build files of a package install the folder of one of the files.
+    is_installed: bool
 
     @property
     def is_left_behind(self) -> bool:
@@ -84,11 +86,13 @@ class Chooser:
         digests: Mapping[PurePosixPath, str],
         package: str,
         package_folders: Sequence[PurePosixPath],
+        installed: Set[PurePosixPath],
     ) -> None:
         self._found = found
         self._digests = digests
         self._package = package
         self._package_folders = package_folders
+        self._installed = installed
 
     def choose(self, artifact: str, files: Sequence[PurePosixPath]) -> Choice:
         """Choose one of an artifact's files, at least one; copies of the chosen file do not count as others."""
@@ -167,6 +171,7 @@ class Chooser:
             own_words,
             in_package,
             programs,
+            any(path in self._installed for path in files),
         )
 
     def _is_in_package(self, path: PurePosixPath) -> bool:
@@ -256,6 +261,10 @@ def _why_by_programs(best: _Group, others: Sequence[_Group]) -> str:
 
 
 _PROGRAMS = _Measure(lambda group: group.programs, _why_by_programs)
+_INSTALLED = _Measure(
+    lambda group: group.is_installed,
+    lambda best, others: "only this one is installed by the build files of its package",
+)
 _WORDED = _by_count(lambda group: len(group.worded))
 _NAMED = _by_count(lambda group: len(group.named))
 _KEPT = _Measure(
@@ -263,6 +272,6 @@ _KEPT = _Measure(
     lambda best, others: f"the other lies in {others[0].shown}",
 )
 #: Order of the measures for files with nothing but the name in common.
-_FILES_BY = (_NAME, _WORDS, _PACKAGE, _PROGRAMS, _WORDED, _NAMED, _KEPT)
+_FILES_BY = (_NAME, _WORDS, _PACKAGE, _PROGRAMS, _INSTALLED, _WORDED, _NAMED, _KEPT)
 #: Order of the measures for versions of the same work.
 _VERSIONS_BY = (_WORDED, _PACKAGE, _WORDS, _NAMED, _NAME, _KEPT)

@@ -57,7 +57,7 @@ class Case:
     kind: str
     package: str
     says: str
-    report: list[str | int | None]
+    report: list[str | int | None] = field(default_factory=list)
     seen: str = ""
     without: list[str] = field(default_factory=list)
     replaced: list[list[str]] = field(default_factory=list)

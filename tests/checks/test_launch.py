@@ -405,6 +405,18 @@ def test_a_node_that_is_not_started_costs_its_part(tmp_path: Path) -> None:
     assert "starts listen as /listener" in finding.reason
 
 
+def test_a_node_that_other_arguments_leave_out_costs_a_share(tmp_path: Path) -> None:
+    """The node runs with the default arguments alone."""
+    wanted = {**NODES, "other_step": "other", "optional_costs": 0.4}
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    finding = judged("launch_nodes", wanted, planned(session, "other", processes=BOTH[:1]))
+    assert finding.credit == Decimal("0.6")
+    assert finding.reason == "With other arguments the file does not start /listener."
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    whole = judged("launch_nodes", wanted, planned(session, "other", processes=BOTH))
+    assert whole.outcome is Outcome.PASSED
+
+
 def test_a_node_under_another_name_costs_half_its_part(tmp_path: Path) -> None:
     """The name that the launch file gives is told, with its line."""
     other = [BOTH[0], entry("listen", "hearer", file="it.py", line=20)]
@@ -699,6 +711,16 @@ def test_a_parameter_left_out_for_its_argument_is_not_charged_again(tmp_path: Pa
         assert judged("launch_parameters", PARAMETERS, session).credit == Decimal(credit)
 
 
+def test_a_parameter_weighs_as_the_rubric_says(tmp_path: Path) -> None:
+    """One of weight 3 beside one of weight 1 is three quarters."""
+    first = {**PARAMETERS["parameters"][0], "weight": 3}
+    second = {**PARAMETERS["parameters"][0], "name": "gain", "value": 1.0, "other": 1.0}
+    talk = entry("talk", "talker", parameters=[{"name": "gain", "value": 1.0}])
+    session = planned(planned(Session(tmp_path), processes=[talk]), "other", processes=[talk])
+    finding = judged("launch_parameters", {**PARAMETERS, "parameters": [first, second]}, session)
+    assert finding.credit == Decimal("0.25")
+
+
 def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path) -> None:
     """A node without an entry is charged with the nodes."""
     session = planned(planned(Session(tmp_path)), "other")
@@ -796,6 +818,7 @@ def test_commands_that_the_launch_file_moves_away_reach_nobody(
     finding = judged("launch_together", wanted, both[0], others=others)
     assert finding.credit == credit
     assert ("namespace" in finding.reason) == (not credit)
+    assert "Commands come at" not in finding.reason
     assert ("begin the topic's name with '/'" in finding.hint) == (not credit)
 
 

@@ -143,6 +143,14 @@ def test_an_answer_is_judged_by_its_values(
     assert bool(finding.notes) == (response["message"] == "Bonjour")
 
 
+def test_an_answer_of_another_type_has_no_such_field(tmp_path: Path) -> None:
+    """A field that the type lacks is named as missing, not as a value."""
+    finding = judged(
+        "call_answered", ANSWERED, called(Session(tmp_path), "enable", call({"ok": 1}))
+    )
+    assert finding.reason == "In the answer, there is no field success."
+
+
 AGAIN = {**ANSWERED, "again": "many", "contrary": r"(?i)\bdisabled\b"}
 
 

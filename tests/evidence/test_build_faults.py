@@ -195,11 +195,12 @@ def test_imports_that_the_manifest_does_not_declare() -> None:
         **PACKAGE,
         "lab/talker.py": "import rclpy\nimport numpy\nfrom std_msgs.msg import String\nimport lab.other\n",
         "test/test_it.py": "import sensor_msgs\n",
+        "lab/launch/lab_launch.py": "import launch_ros\n",
     }
     record = submission(files)
     record.packages = find_packages(files, list(files))
     found = undeclared_dependencies(
-        record, record.packages[0], ["rclpy", "std_msgs", "sensor_msgs"]
+        record, record.packages[0], ["rclpy", "std_msgs", "sensor_msgs", "launch_ros"]
     )
     assert found == {"std_msgs": "lab/talker.py"}
 

@@ -137,6 +137,18 @@ def test_the_launch_file_is_the_one_of_the_labs_programs(tmp_path: Path, rubric:
     assert fact.why == "it names 2 of the lab's programs, the other 0"
 
 
+def test_the_launch_file_is_the_installed_one(tmp_path: Path, rubric: Rubric) -> None:
+    """A launch file in a folder that setup.py names is graded, not a copy among the modules."""
+    copy = {"lab1_pkg/lab1_pkg/launch/lab1_launch.py": LAUNCH + "# an earlier one\n"}
+    package = {}
+    for name, text in WORK.items():
+        package[name.removeprefix("ws/src/")] = text
+    package["lab1_pkg/setup.py"] = "data = [('share/lab1_pkg/launch', glob('launch/*.py'))]\n"
+    fact = facts(tmp_path, rubric, copy | package)["launch"]
+    assert (fact.path, fact.is_open) == ("lab1_pkg/launch/lab1_launch.py", False)
+    assert fact.why == "only this one is installed by the build files of its package"
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_contents_package_and_completeness_decide(
     tmp_path: Path, rubric: Rubric, case: str

@@ -29,6 +29,10 @@ def interface_packages(submission: SubmissionRecord) -> Iterator[InterfacePackag
             yield InterfacePackage(package.name, files)
 
 
+#: Group of the packages with messages.
+_GROUP = "rosidl_interface_packages"
+
+
 def interface_problems(package: PackageFact, texts: Mapping[str, str]) -> list[str]:
     """Return the reasons why `colcon build` makes no interfaces of a package's definitions, as far as its list tells."""
     defined = _defined(package, texts)
@@ -42,6 +46,12 @@ def interface_problems(package: PackageFact, texts: Mapping[str, str]) -> list[s
     if _has_unknown(listed):
         return []
     problems = []
+    manifest = f"{package.path}/package.xml".lstrip("/")
+    if _GROUP not in texts.get(manifest, _GROUP):
+        problems.append(
+            f"package.xml has no <member_of_group>{_GROUP}</member_of_group>, "
+            "so CMake stops at rosidl_generate_interfaces"
+        )
     for file in listed:
         if file not in defined:
             problems.append(f"CMakeLists.txt lists {file}, which is not there")

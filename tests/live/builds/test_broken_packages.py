@@ -16,7 +16,7 @@ pytestmark = pytest.mark.live
 __all__ = ["cache", "isolation"]
 
 #: One of this many cases is built for each commit, so that all of them take some 15 s of CPU.
-_ONE_OF = 8
+_ONE_OF = 14
 
 
 @pytest.mark.parametrize("case", part(cases(), _ONE_OF), ids=lambda case: case.kind)

@@ -63,6 +63,20 @@ def test_what_colcon_build_would_leave_out_is_said() -> None:
     assert made(BY_GLOB)[1] == []
 
 
+def test_a_package_of_messages_is_in_the_group() -> None:
+    """CMake generates nothing for a package.xml without the group."""
+    fact = PackageFact("mine", "mine", "ament_cmake")
+    group = "<member_of_group>rosidl_interface_packages</member_of_group>"
+    texts = {
+        "mine/CMakeLists.txt": "rosidl_generate_interfaces(mine msg/Num.msg)\n",
+        "mine/msg/Num.msg": "int64 num\n",
+        "mine/package.xml": "<package><name>mine</name></package>",
+    }
+    (problem,) = interface_problems(fact, texts)
+    assert f"package.xml has no {group}" in problem
+    assert not interface_problems(fact, {**texts, "mine/package.xml": group})
+
+
 def test_a_definition_that_is_a_link_is_none(tmp_path: Path) -> None:
     """The target of a link stays unread, and is no part of the submission."""
     secret = tmp_path / "secret"
