@@ -6,7 +6,7 @@ All answers are answers to the grader's own client calls.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -14,6 +14,7 @@ from pydantic import Field
 from grader.checks.base import (
     Context,
     Part,
+    credit_of,
     failed,
     graded,
     not_reached,
@@ -42,6 +43,10 @@ class ServiceOffered(OfEndpoint):
     artifact: ref.Artifact
     service: ref.RosName
     type: ref.ServiceType
+    rest: Share = Field(
+        1.0,
+        description="Share that the checks which depend on this one earn if no client of the lab finds the service.",
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the service."""
@@ -61,11 +66,15 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     wanted = (p.service, p.type)
     found = (offer.name, offer.type)
     costs = p.faults("service", wanted, found, [offer.node])
+    is_unknown = bool(costs)
     costs += p.node_faults([offer.node])
     measured = f"{offer.name} of type {offer.type}, from {offer.node}"
     source = claimed_at(claim_of(context, "service", p.service))
     where = (*source, context.location())
-    return of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
+    finding = of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
+    if is_unknown and p.rest < 1:
+        return replace(finding, passes_on=credit_of(p.rest))
+    return finding
 
 
 def _offers(context: Context, service: str) -> list[ServiceEndpoint]:

@@ -344,7 +344,7 @@ def repaired(case: Case) -> Finding | None:
     earlier = case.context.findings[id_]
     share = earlier.passes_on or Decimal(1)
     title = case.context.titles[id_]
-    reason = f"Judged on a copy that was repaired, as '{title}' says; {1 - float(share):.0%} are lost by that."
+    reason = f"Judged as if '{title}' were right; {1 - float(share):.0%} are lost by that."
     return replace(
         finding,
         outcome=Outcome.PARTIAL,
