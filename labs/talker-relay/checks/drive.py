@@ -1,6 +1,7 @@
 """A check of the drive commands of the launched talker."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +61,7 @@ def _left_out(context: Context, plan: str) -> set[str]:
     return names
 
 
-def _is_set(numbers: list[float], name: str, parameter: str) -> Part:
+def _is_set(numbers: list[Any], name: str, parameter: str) -> Part:
     if not np.any(numbers):
         reason = f"The {name} is 0 in all messages: the launch file gives the talker no {parameter} other than 0."
         return Part(0.0, f"{name} 0", reason)
