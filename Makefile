@@ -7,14 +7,22 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
-# `-qq` shows errors alone: with several package indexes, pip writes a warning for each package that one of them lacks.
-PIP_INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt
+# Parts of the package for Lab 09-01, the review desk and students' programs.
+EXTRAS := desk,mujoco,scipy
+# uv installs in a tenth of pip's CPU time, and keeps its packages in a cache. It knows no settings of pip, such as a mirror or a folder
+# of wheels: if it finds no package, pip installs. `-qq` shows errors alone: with several package indexes, pip writes a warning
+# for each package that one of them lacks.
+UV_INSTALL = $(BIN)/uv pip install -q --python $(BIN)/python -c constraints.txt
+PIP_INSTALL = $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check -c constraints.txt
+INSTALL = { $(UV_INSTALL) $(1) 2>/dev/null || $(PIP_INSTALL) $(1) || $(NOT_INSTALLED); }
+# Students' programs import compiled modules, since they cannot write in the environment. Two thirds of the code are tests or tools.
+COMPILE = $(BIN)/python -m compileall -qq -j 0 -x '/(tests?|testing|_pytest|docutils|pip|pygments|setuptools)/' $(VENV)/lib
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
 # Compiled test modules are kept: each worker needs them, and rewriting the assertions costs a core 12 s.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: alice test thorough fixtures attacks bench docs system system-dev lint types layers house clean test-all test-rest
+.PHONY: alice test thorough fixtures attacks course-ros bench docs package sbom audit system system-dev lint types layers house clean test-all test-rest
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
@@ -52,6 +60,11 @@ attacks: $(DEV_STAMP) system
 	  tests/live/test_limits.py tests/live/sandbox/test_isolation.py tests/live/session/test_runner.py \
 	  tests/classroom/test_class.py tests/classroom/test_worker.py
 
+# The solution on each installation of ROS that wheels can imitate: Jazzy with NumPy 1.26, with and without the real launch,
+# and Kilted; some three minutes. `make test-all` tries one of the first two.
+course-ros: $(DEV_STAMP) system
+	THOROUGH=1 $(BIN)/python -m pytest tests/live/test_course_ros.py
+
 # What grading costs and how sure it is, on this machine; some twenty minutes. Run it while nothing else runs.
 bench: $(STAMP) system
 	$(BIN)/python -m bench.stability
@@ -60,6 +73,30 @@ bench: $(STAMP) system
 # The documentation as a site; a link that leads nowhere ends it. Open site/index.html.
 docs: $(DEV_STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+# Wheel and source archive in dist/. Two builds must have the same bytes.
+package: $(DEV_STAMP)
+	rm -rf dist build/again
+	@for folder in dist build/again; do \
+	  SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(BIN)/python -m hatchling build -d $$folder -t wheel -t sdist || exit 1; done
+	diff -r dist build/again
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
+
+# Both tools need `lark`, which `lark-parser` of ROS would overwrite here; so each has an environment of its own in uv's cache.
+SBOM := $(BIN)/uv tool run --quiet --from cyclonedx-bom==7.5.0 cyclonedx-py
+AUDIT := $(BIN)/uv tool run --quiet pip-audit==2.10.1
+
+# Bill of materials of the images' Python packages: build/sbom.json, in the form of CycloneDX, from an installation of the lock.
+sbom: $(DEV_STAMP)
+	$(BIN)/uv venv -q --clear --python $(BIN)/python build/locked
+	$(BIN)/uv pip install -q --python build/locked/bin/python --require-hashes -r requirements.lock
+	$(SBOM) environment --pyproject pyproject.toml --output-reproducible --no-validate -o build/sbom.json \
+	  build/locked/bin/python
+
+# Known weaknesses of the locked packages. A package without an answer of the index fails too.
+audit: $(DEV_STAMP)
+	$(AUDIT) --strict --disable-pip --require-hashes -r requirements.lock
 
 lint: $(DEV_STAMP)
 	$(BIN)/ruff check
@@ -84,14 +121,16 @@ system-dev:
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or newer is needed, as in Ubuntu 24.04 or Debian 12: make PYTHON=/path/to/python3.12 ..."; exit 1; }
-	@echo "Installing the grader into $(VENV), for a minute ..."
+	@echo "Installing the grader into $(VENV), for some seconds, or a minute the first time ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(PIP_INSTALL) -e '.[desk,mujoco,scipy]' || $(NOT_INSTALLED)
+	@test -x $(BIN)/uv || $(PIP_INSTALL) uv 2>/dev/null || true
+	@$(call INSTALL,-e '.[$(EXTRAS)]')
+	@$(COMPILE) || true
 	@touch $@
 
 $(DEV_STAMP): $(STAMP)
 	@echo "Installing the tools for development into $(VENV) ..."
-	@$(PIP_INSTALL) -e '.[dev]' || $(NOT_INSTALLED)
+	@$(call INSTALL,-e '.[dev]')
 	@touch $@
 
 clean:

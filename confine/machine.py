@@ -168,6 +168,13 @@ def tasks_of(pid: int) -> list[str]:
     return []
 
 
+def is_in_real_time(tid: int) -> bool:
+    """Return whether a thread is scheduled in real time."""
+    with suppress(OSError):
+        return os.sched_getscheduler(tid) & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR
+    return False
+
+
 def processes_of_user(uid: int) -> set[int]:
     """Return the process ids of a user."""
     found = set()

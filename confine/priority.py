@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from confine.limits import set_limit
-from confine.machine import tasks_of
+from confine.machine import is_in_real_time, tasks_of
 
 #: Nice values; each step is a quarter more of a contended core: others still get a tenth, and measured processes most.
 STANDING, MEASURED = -10, -15
@@ -101,6 +101,6 @@ def demote(tids: Iterable[int]) -> None:
     """Schedule threads in real time as ordinary ones that stand."""
     for tid in tids:
         with suppress(OSError):
-            if os.sched_getscheduler(tid) & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR:
+            if is_in_real_time(tid):
                 os.sched_setscheduler(tid, os.SCHED_OTHER, os.sched_param(0))
                 _put_first(tid)

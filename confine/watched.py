@@ -10,9 +10,10 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
+
+from confine.machine import is_in_real_time, tasks_of
 
 #: Largest number of delays of one process; beyond it, neighbours are joined.
 _MOST_DELAYS = 1000
@@ -24,6 +25,19 @@ _AFTER_NS = 25_000_000
 Delay = list[int]
 
 
+class _Thread:
+    """A watched thread: the descriptor of its counters, and their last text and values in ns."""
+
+    __slots__ = ("cpu_ns", "file", "text", "tid", "waited_ns")
+
+    def __init__(self, tid: int) -> None:
+        self.tid = tid
+        self.file = os.open(f"/proc/{tid}/schedstat", os.O_RDONLY)
+        self.text = b""
+        self.cpu_ns = 0
+        self.waited_ns = 0
+
+
 @dataclass
 class Watched:
     """A watched process: counters of its threads, and its delays."""
@@ -31,14 +45,14 @@ class Watched:
     is_confined: bool
     core: int | None = None
     name: str = ""
+    #: True if it goes before all ordinary processes.
+    is_in_real_time: bool = False
     #: Set as soon as a demotion is reported.
     is_reported: bool = False
-    #: Thread id -> descriptor of its counters; the threads that ran last are at the end.
-    files: dict[int, int] = field(default_factory=dict)
-    #: Thread id -> its last counters: CPU time and waiting time, in ns.
-    counters: dict[int, tuple[int, int]] = field(default_factory=dict)
-    #: Thread id -> the text of its last counters.
-    texts: dict[int, bytes] = field(default_factory=dict)
+    #: Ids of its processes.
+    pids: list[int] = field(default_factory=list)
+    #: Its threads; those that ran last are at the end.
+    threads: list[_Thread] = field(default_factory=list)
     #: CPU time of all threads, in ns.
     cpu_ns: int = 0
     #: CPU clocks of the process and of others among its threads.
@@ -51,17 +65,27 @@ class Watched:
     )
     delays: list[Delay] = field(default_factory=list)
 
-    def open(self, threads: Iterable[int]) -> None:
-        """Watch some threads more."""
-        for thread in threads:
-            if thread not in self.files:
-                with suppress(OSError):
-                    self.files[thread] = os.open(f"/proc/{thread}/schedstat", os.O_RDONLY)
-                    clock = ~thread << 3 | 2  # as clock_getcpuclockid(3) has it
-                    time.clock_gettime_ns(clock)
-                    self.clocks.append(
-                        clock
-                    )  # without an error, it is the first thread of a process
+    def find_threads(self) -> None:
+        """Watch the present threads of its processes; the last process tells how it is scheduled."""
+        known = {thread.tid for thread in self.threads}
+        for pid in self.pids:
+            for tid in map(int, tasks_of(pid)):
+                if tid not in known:
+                    self._open(tid)
+        if self.pids:
+            self.is_in_real_time = is_in_real_time(self.pids[-1])
+
+    def _open(self, tid: int) -> None:
+        with suppress(OSError):
+            self.threads.append(_Thread(tid))
+            clock = ~tid << 3 | 2  # as clock_getcpuclockid(3) has it
+            time.clock_gettime_ns(clock)
+            self.clocks.append(clock)  # without an error, it is the first thread of a process
+
+    def close(self) -> None:
+        """Close the counters of all threads."""
+        for thread in self.threads:
+            os.close(thread.file)
 
     def read(self, now_ns: int) -> tuple[int, int]:
         """Take the CPU time since the last sample, and return the waiting time of all threads and the longest one.
@@ -72,7 +96,7 @@ class Watched:
         clocks_ns = self._read_clocks()
         together_ns = 0
         longest_ns = 0
-        for thread in reversed(list(self.files)):
+        for thread in reversed(self.threads.copy()):
             if clocks_ns and clocks_ns - self.cpu_ns == self.excess_ns:
                 break
             waited_ns = self._read_thread(thread)
@@ -89,22 +113,30 @@ class Watched:
             return sum(map(time.clock_gettime_ns, self.clocks))
         return 0
 
-    def _read_thread(self, thread: int) -> int:
+    def _read_thread(self, thread: _Thread) -> int:
         """Take the CPU time of a thread since it was last read, and return its waiting time since then, in ns."""
         try:
-            text = os.pread(self.files[thread], 100, 0)
-            if text == self.texts.get(thread):
+            text = os.pread(thread.file, 100, 0)
+            if text == thread.text:
                 return 0
             cpu_ns, waited_ns, *_ = map(int, text.split())
         except (OSError, ValueError):  # The thread has ended.
-            os.close(self.files.pop(thread))
+            os.close(thread.file)
+            self.threads.remove(thread)
             return 0
-        cpu_before_ns, waited_before_ns = self.counters.get(thread, (0, 0))
-        self.counters[thread] = cpu_ns, waited_ns
-        self.texts[thread] = text
-        self.files[thread] = self.files.pop(thread)
-        self.cpu_ns += cpu_ns - cpu_before_ns
-        return waited_ns - waited_before_ns
+        self.cpu_ns += cpu_ns - thread.cpu_ns
+        waited_since_ns = waited_ns - thread.waited_ns
+        thread.text = text
+        thread.cpu_ns = cpu_ns
+        thread.waited_ns = waited_ns
+        self._put_last(thread)
+        return waited_since_ns
+
+    def _put_last(self, thread: _Thread) -> None:
+        """Put a thread where the next sample looks first."""
+        if self.threads[-1] is not thread:
+            self.threads.remove(thread)
+            self.threads.append(thread)
 
     def used_since(self, t_ns: int) -> int:
         """Return the CPU time since a time, as far as the history goes back."""

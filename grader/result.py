@@ -408,6 +408,18 @@ class SessionProvenance(TypedDict):
 
 
 @with_config(ConfigDict(extra="allow"))
+class PastScore(TypedDict):
+    """Final points of a previous submission, the time of its recording, and the hash of its rubric."""
+
+    #: Start of its first session; 0 if it has none.
+    recorded_ns: Annotated[int, Field(ge=0, lt=2**63)]
+    earned: float
+    undecided: float
+    possible: float
+    rubric_sha256: str
+
+
+@with_config(ConfigDict(extra="allow"))
 class Provenance(TypedDict, total=False):
     """Where a result comes from: versions and hashes, the recorded sessions, and files that were not looked at.
 
@@ -424,6 +436,8 @@ class Provenance(TypedDict, total=False):
     handout_ros: str
     sessions: dict[str, SessionProvenance]
     left_out: list[str]
+    #: The student's previous submissions, oldest first.
+    previous: list[PastScore]
 
 
 #: Adjustments of the points of a check or a criterion by a person, not by a rule.

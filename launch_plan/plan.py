@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, is_dataclass
+from functools import cache
 from itertools import accumulate, pairwise
 from operator import or_
 from pathlib import PurePosixPath
@@ -18,6 +19,7 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ConfigDict,
     Field,
     Strict,
     TypeAdapter,
@@ -36,6 +38,8 @@ _LARGEST = 10**9
 _MOST_NAMES = 128
 #: Longest path and longest name of a file on Linux, in bytes.
 _LONGEST_NAME, _LONGEST_FILE_NAME = 4096, 255
+#: Validators are built for the first plan that is read.
+_LATE = ConfigDict(defer_build=True)
 _NO_MOMENT = "a start must wait for a time in seconds or for an event of a process"
 
 
@@ -114,7 +118,7 @@ _Environment = Mapping[_Word, Annotated[_Word, BeforeValidator(_as_text)]]
 _Remappings = tuple[tuple[_Text, _Text], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Problem:
     """Reason why a launch file cannot be launched, or cannot be assessed."""
 
@@ -131,7 +135,7 @@ class Problem:
     module: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Argument:
     """A declared launch argument; `default` is None if it must be given."""
 
@@ -143,7 +147,7 @@ class Argument:
     line: _Line | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Parameter:
     """One parameter (`name`, `value`, `type`) or one file of them (`file`, `content`), in the order given."""
 
@@ -163,7 +167,7 @@ class Parameter:
         return [(pattern, _flat(values, "")) for pattern, values in listed]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Component:
     """A node to be loaded into a container."""
 
@@ -171,7 +175,7 @@ class Component:
     name: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Process:
     """One process of a plan."""
 
@@ -368,7 +372,7 @@ def ros2_run(words: Sequence[str]) -> tuple[str, str, list[str]] | None:
     return package, executable, rest[2:]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Include:
     """An included launch file; the inclusion is in the file `by`, at `line`."""
 
@@ -379,7 +383,7 @@ class Include:
     line: _Line | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Note:
     """A warning of the evaluation, or a message of the launch file."""
 
@@ -389,7 +393,7 @@ class Note:
     line: _Line | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=_LATE)
 class Plan:
     """The effects of a launch file."""
 
@@ -421,7 +425,7 @@ class Plan:
         if not isinstance(plain, Mapping) or plain.get("schema") != SCHEMA:
             raise MalformedPlanError(f"this is not a launch plan: its schema is not {SCHEMA}")
         try:
-            return _READER.validate_python(plain)
+            return _reader().validate_python(plain)
         except ValidationError as problem:
             first = problem.errors(include_url=False, include_context=False)[0]
             place = ".".join(str(part) for part in first["loc"])
@@ -440,7 +444,9 @@ class Plan:
         return {"schema": SCHEMA, **_plain(self)}
 
 
-_READER = TypeAdapter(Plan)
+@cache
+def _reader() -> TypeAdapter[Plan]:
+    return TypeAdapter(Plan)
 
 
 def _is_shallow(plain: Any) -> bool:
@@ -461,7 +467,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Parameter):
         return _plain_parameter(value)
     if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        plain = {}
+        for each in fields(value):
+            held = getattr(value, each.name)
+            plain[each.name] = _plain(held)
+        return plain
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):

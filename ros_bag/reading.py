@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
 
 Int64s: TypeAlias = npt.NDArray[np.int64]
+#: Decodes the CDR of a message of a type.
+_Decoder: TypeAlias = Callable[[bytes, str], object]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,7 @@ class Stream:
     @property
     def _decoder(self) -> _Decoder | None:
         if self.definition:
-            return _decoder(self.topic_type, self.definition)
+            return _decoder_of(self.topic_type, self.definition)
         return None
 
     @functools.cached_property
@@ -85,7 +88,7 @@ class Stream:
             # The bytes are a student's. Decoding fails in many ways (short, wrong lengths, bad UTF-8), with exceptions
             # of several families.
             try:
-                found.append(decoder.decode(data, self.topic_type))
+                found.append(decoder(data, self.topic_type))
             except Exception:
                 found.append(None)
         return tuple(found)
@@ -111,26 +114,30 @@ def _pick(value: Any, steps: Sequence[str | int]) -> Any:
     return value
 
 
-@dataclass(frozen=True)
-class _Decoder:
-    types: Typesdict
-    decode: Callable[[bytes, str], object]
+@functools.lru_cache(maxsize=64)
+def _types_of(topic_type: str, definition: MessageDefinition) -> Typesdict:
+    """Return the types in the definition in the bag; none if the definition cannot be understood."""
+    from rosbags.typesys import TypesysError
+
+    try:
+        return definition.types(topic_type)
+    except TypesysError:
+        return {}
 
 
 @functools.lru_cache(maxsize=64)
-def _decoder(topic_type: str, definition: MessageDefinition) -> _Decoder | None:
+def _decoder_of(topic_type: str, definition: MessageDefinition) -> _Decoder | None:
     """Return a decoder of CDR by the definition in the bag; None if the definition cannot be understood."""
     from rosbags.typesys import Stores, TypesysError, get_typestore
 
     store = get_typestore(Stores.EMPTY)
     try:
-        types = definition.types(topic_type)
-        store.register(types)
+        store.register(_types_of(topic_type, definition))
         # Compiles the decoder, which fails for wide strings.
         store.get_msgdef(topic_type)
     except (TypesysError, KeyError):
         return None
-    return _Decoder(types, store.deserialize_cdr)
+    return store.deserialize_cdr
 
 
 class Bag:
@@ -219,9 +226,10 @@ class Bag:
         if found is not None:
             definition = found.definition
         if definition is not None:
-            decoder = _decoder(topic_type, definition)
-            if decoder is not None:
-                read = readable_messages(topic_type, decoder.types, data, self._most_values)
+            # A definition that lacks a type has no decoder, so that its messages need no bound.
+            with contextlib.suppress(KeyError):
+                types = _types_of(topic_type, definition)
+                read = readable_messages(topic_type, types, data, self._most_values)
         rows = rows[:read]
         return Stream(
             topic,

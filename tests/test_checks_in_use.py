@@ -12,7 +12,6 @@ ROOT = Path(__file__).resolve().parents[1]
 RUBRICS = [ROOT / "rubric.yaml", *sorted(ROOT.glob("labs/*/rubric.yaml"))]
 #: Built-in checks of fewer than two shipped labs, each with the reason why it stays in the engine.
 EXCEPTIONS = {
-    "launch_together": "it reads plans and processes, which the interface of own checks does not have",
     "message_latency": "its bounds on delays are the engine's; it is for any node that answers messages",
     "parameter_effect": "it is for any parameter that changes a rate or a value of a running node",
     "requested_qos": "it is the counterpart of `offered_qos`, for subscriptions",

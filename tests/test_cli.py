@@ -14,6 +14,7 @@ import jsonschema
 import pytest
 import yaml
 
+from grader import __version__
 from grader.checks.registry import REGISTRY
 from grader.cli import main
 from grader.lab.kept_lab import lab_folder
@@ -284,7 +285,7 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert status == 0
     assert "grade regrade" in output
     assert all(f"{number} " in output for number in range(8))
-    assert run(capsys, "--version")[:2] == (0, "grade 0.1.0\n")
+    assert run(capsys, "--version")[:2] == (0, f"grade {__version__}\n")
 
 
 def test_checks_lists_each_check_with_its_parameters(capsys: pytest.CaptureFixture[str]) -> None:

@@ -87,9 +87,9 @@ def table(parameters: Iterable[Parameter]) -> str:
 
 def _rows(parameters: Iterable[Parameter], prefix: str = "") -> Iterator[str]:
     for each in parameters:
-        value = _plain(each.type.replace("number or text", "share"))
+        value = plain(each.type.replace("number or text", "share"))
         name = f"{prefix}{each.name}"
-        yield f"| `{name}` | {value} | {_need(each)} | {_plain(each.description)} |"
+        yield f"| `{name}` | {value} | {_need(each)} | {plain(each.description)} |"
         if each.type.startswith("list"):
             name += "[]"
         elif each.type.startswith("mapping of"):
@@ -106,7 +106,7 @@ def _need(parameter: Parameter) -> str:
     return f"`{value}`"
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """Return a text of a model as Markdown, with marks escaped outside of code: `a*b` for `a&#42;b`."""
     parts = text.split("`")
     for place in range(0, len(parts), 2):
@@ -128,7 +128,7 @@ def described_steps() -> str:
 
 def _sections(entries: Iterable[Entry], level: int = 2) -> str:
     return "\n".join(
-        f"{'#' * level} {entry.name}\n\n{_plain(entry.description)}\n\n"
+        f"{'#' * level} {entry.name}\n\n{plain(entry.description)}\n\n"
         f"{table(entry.parameters)}\n\n```yaml\n{entry.example}```\n"
         for entry in entries
     )
@@ -150,7 +150,7 @@ def overview() -> str:
         entry.name: re.split(r"[.;] ", entry.description)[0].rstrip(".")
         for entry in entries_of("checks")
     }
-    rows = (f"| [{name}](#{name}) | {_plain(said)}. |" for name, said in first.items())
+    rows = (f"| [{name}](#{name}) | {plain(said)}. |" for name, said in first.items())
     return "\n".join(["| check | |", "|---|---|", *rows])
 
 

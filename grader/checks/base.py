@@ -126,9 +126,10 @@ class Context:
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
         """Explain why a process ended or misbehaved, from its output and its exit status."""
-        found = explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
+        files = [file.path for file in self.submission.files]
+        found = explain(run.output, files, run.interrupted_ns)
         if found is None:
-            found = ended_by_signal(run)
+            found = ended_by_signal(run, files)
         if found is None or found.file is None:
             return found
         return corrected(found, self.submission.texts)
@@ -285,7 +286,9 @@ class Part:
 
     @classmethod
     def between(cls, share: Interval, text: str = "", reason: str = "", hint: str = "") -> Part:
-        """Return a part with the least and the most share of an interval."""
+        """Return a part with the least and the most share of an interval; one that loses nothing has no reason."""
+        if share.low >= 1:
+            reason = ""
         return cls(share.low, text, reason, best=share.high, doubt=share.why, hint=hint)
 
     @property

@@ -23,6 +23,8 @@ _MOST = 4
 _FILES = ("artifact", "launch")
 #: Commands that show messages, and that do the same as a step.
 _ECHO, _STEP = ("ros2 topic echo {topic}",), ("{step}",)
+#: Command for an ended program, and the rule for findings about one.
+_RUN, _ENDED = ("python3 {artifact}",), "explained"
 #: Kind of a check -> commands that show its fault while the program runs. `{name}` is a parameter, a name within one,
 #: or a command that does the same as the step that a parameter names.
 _COMMANDS: Mapping[str, tuple[str, ...]] = {
@@ -41,7 +43,8 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "lifecycle": ("ros2 lifecycle nodes",),
     "transform_tree": ("ros2 topic echo {topic}", "ros2 run tf2_tools view_frames"),
     "launch_arguments": ("{step} --show-args",),
-    **dict.fromkeys(("launch_nodes", "launch_parameters"), ("{step} --print",)),
+    "launch_nodes": ("{step}", "ros2 node list"),
+    "launch_parameters": ("{step}", "ros2 param dump {node}"),
 }
 
 
@@ -82,13 +85,18 @@ def _is_missing(spec: CheckSpec, submission: SubmissionRecord) -> bool:
 def _templates(spec: CheckSpec, finding: Finding) -> tuple[str, ...]:
     """Return the templates of a check, which a lab's own check states itself.
 
-    The list of topics holds a silent publisher too, so an echo shows that one.
+    The list of topics holds a silent publisher too, so an echo shows that one. An ended program shows its
+    traceback.
     """
     if finding.is_silent:
         return _ECHO
     if isinstance(spec.parameters, OwnParameters):
-        return spec.parameters.traits.commands
-    return _COMMANDS.get(spec.check, ())
+        templates = spec.parameters.traits.commands
+    else:
+        templates = _COMMANDS.get(spec.check, ())
+    if finding.decided_by == _ENDED:
+        return (*_RUN, *templates)
+    return templates
 
 
 class _Scope:

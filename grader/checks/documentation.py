@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import PurePosixPath
 
@@ -185,6 +185,10 @@ class Readme(_OfFiles):
         60,
         description="Distinct words from which a text that mentions no part may do so in words unknown here.",
     )
+    absent_costs: Share = Field(
+        0.0,
+        description="Share of the credit for each file that the README names and the submission does not have.",
+    )
 
 
 #: File and line of a mention.
@@ -209,11 +213,14 @@ class _ReadmeFacts:
     notes: Sequence[str]
     #: The first command for other work, if there is none for this one.
     foreign: str = ""
+    #: Files that they promise, and that are not there.
+    absent: Mapping[str, _Place] = field(default_factory=dict)
 
-    def share(self, run_weight: float) -> float:
-        """Return the share of credit for the instruction and the mentions together."""
+    def share(self, run_weight: float, absent_costs: float) -> float:
+        """Return the share of credit for the instruction and the mentions together, less the cost of absent files."""
         mentioned = (1 - run_weight) * len(self.found) / len(self.parts)
-        return run_weight * bool(self.run) + mentioned
+        share = run_weight * bool(self.run) + mentioned
+        return share * max(0.0, 1 - absent_costs * len(self.absent))
 
     def missing(self) -> list[str]:
         """Return the names of the parts without a mention."""
@@ -227,6 +234,8 @@ class _ReadmeFacts:
         missing = self.missing()
         if missing:
             hints.append(f"Add a few words about {', '.join(missing)}.")
+        if self.absent:
+            hints.append(f"Hand in {', '.join(self.absent)}, or take the names out.")
         return " ".join(hints)
 
     def reasons(self) -> list[str]:
@@ -241,6 +250,11 @@ class _ReadmeFacts:
         missing = self.missing()
         if missing:
             reasons.append(f"The grader found no mention of {', '.join(missing)}.")
+        if self.absent:
+            named = []
+            for name, place in self.absent.items():
+                named.append(f"{name} ({_at(*place)})")
+            reasons.append(f"The submission has no {', '.join(named[:_MOST_LISTED])}.")
         if reasons and self.hollow:
             reasons.append(f"Nothing of its own stands under {self._listed_hollow()}.")
         return reasons
@@ -274,7 +288,7 @@ def readme(context: Context, p: Readme) -> Finding:
         hint = "Write a README.md beside the code."
         return failed(expected, "no README", "There is no README.", hint=hint)
     facts = _readme_facts(context, paths, p)
-    share = facts.share(p.run_weight)
+    share = facts.share(p.run_weight, p.absent_costs)
     notes = facts.notes
     if share < 1 and unread:
         notes = [_to_read(unread)]
@@ -306,23 +320,72 @@ def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -
     parts = [part for part in p.parts if context.path_of(part.artifact) is not None]
     parts = parts or list(p.parts)
     names = {part: _names_of(context, part) for part in parts}
-    all_names = Terms.of(chain(*names.values()), _ENDING)
-    texts, hollow = _visible(context, paths, all_names, p.placeholders)
+    texts, hollow = _visible(context, paths, names, p.placeholders)
     found = _found_parts(texts, names)
+    own = _own_text(context, p)
     in_other_words = not found and _is_long(texts, p.doubt_words)
-    foreign = ""
-    if len(found) < _FEW_PARTS:
-        foreign = _command_of_other_work(context, texts, p)
-    if foreign and not in_other_words:
-        return _ReadmeFacts("", parts, found, hollow, (), foreign)
-    run, notes = _how_to_run(texts, p)
+    if len(found) < _FEW_PARTS and not in_other_words:
+        foreign = _command_of_other_work(texts, p, own)
+        if foreign:
+            return _ReadmeFacts("", parts, found, hollow, (), foreign)
+    run, notes = _how_to_run(texts, p, own)
     if in_other_words:
-        # A long text may call the parts by other names.
-        path = texts[0][0]
-        found = dict.fromkeys(parts, (path, 1))
+        # A long text may call the parts and the programs by other names.
+        run, notes = _how_to_run(texts, p, None)
+        found = dict.fromkeys(parts, (texts[0][0], 1))
         seen = "names no part of the work by a name known to the grader"
-        notes.append(_for_a_person(path, 1, seen))
-    return _ReadmeFacts(run, parts, found, hollow, notes)
+        notes.append(_for_a_person(texts[0][0], 1, seen))
+    absent = _absent_files(texts, p, own)
+    return _ReadmeFacts(run, parts, found, hollow, notes, absent=absent)
+
+
+#: Names of files in a text, with their folders, e.g. `config/arm.yaml`.
+_FILE_NAME = re.compile(
+    r"(?<![\w*<>{}$.~/-])(?:[\w-]{1,60}/){0,5}[\w.-]{0,60}\w\."
+    r"(?:py|xml|ya?ml|sh|md|csv|png|jpe?g|pdf|rviz|urdf|xacro|json|ipynb)\b(?![\w*/.-]*[*/])"
+)
+#: Folders that a build makes.
+_BUILT = ("build/", "install/", "log/")
+#: Number of absent files from which a README promises them; one alone may be a memory of an earlier state.
+_FEW_ABSENT = 2
+
+
+def _absent_files(texts: _Texts, p: Readme, own: str) -> dict[str, _Place]:
+    """Return the files of the READMEs that are not there, with their first mention.
+
+    A single one counts only in a command that starts it. Files that a program or the handout names may be made later.
+    """
+    if not p.absent_costs:
+        return {}
+    absent: dict[str, _Place] = {}
+    for path, shown in texts:
+        for block in shown:
+            for offset, text in enumerate(block.text.split("\n")):
+                for match in _FILE_NAME.finditer(text):
+                    if _is_absent(match[0], own):
+                        absent.setdefault(match[0], (path, block.line + offset))
+    if len(absent) >= _FEW_ABSENT:
+        return absent
+    if _starts_absent(texts, p, own):
+        return absent
+    return {}
+
+
+def _starts_absent(texts: _Texts, p: Readme, own: str) -> bool:
+    """Tell whether a command starts a Python file that is not there."""
+    for _, shown in texts:
+        for _, command in command_lines(shown, p.commands):
+            for match in _STARTED.finditer(command):
+                name = match[3]
+                if name and PurePosixPath(name).stem not in own:
+                    return True
+    return False
+
+
+def _is_absent(name: str, own: str) -> bool:
+    if name.startswith(_BUILT):
+        return False
+    return PurePosixPath(name).stem not in own
 
 
 #: Number of parts from which a README is about this work.
@@ -332,14 +395,13 @@ _STARTED = re.compile(
 )
 
 
-def _command_of_other_work(context: Context, texts: _Texts, p: Readme) -> str:
+def _command_of_other_work(texts: _Texts, p: Readme, own: str) -> str:
     """Return the first command if no command starts anything of the submission or of the lab; empty otherwise.
 
     Example
     -------
     `ros2 run turtlesim turtlesim_node`, beside a submission that does not name turtlesim.
     """
-    own = _own_text(context, p)
     others = []
     for _, shown in texts:
         for _, command in command_lines(shown, p.commands):
@@ -355,9 +417,12 @@ def _own_text(context: Context, p: Readme) -> str:
     own: list[str] = []
     for part in p.parts:
         own += part.names
+    own += [file.path for file in context.submission.files]
+    own += context.submission.left_out
+    own += context.submission.given_texts.values()
     for path, text in context.submission.texts.items():
         if path not in documents:
-            own += (path, text)
+            own.append(text)
     return "\n".join(own)
 
 
@@ -407,16 +472,20 @@ def _found_parts(texts: _Texts, names: Mapping[Part, Sequence[str]]) -> dict[Par
 
 
 def _visible(
-    context: Context, paths: Sequence[PurePosixPath], names: Terms, placeholders: Sequence[str]
+    context: Context,
+    paths: Sequence[PurePosixPath],
+    names: Mapping[Part, Sequence[str]],
+    placeholders: Sequence[str],
 ) -> tuple[_Texts, list[str]]:
     """Return the visible blocks of READMEs, and the sections and files without a text of their own."""
+    terms = Terms.of(chain(*names.values()), _ENDING)
     texts: _Texts = []
     hollow: list[str] = []
     for path, document in _read(context, paths):
         if is_source(context.submission.texts[path]):
             hollow.append(f"{path} (source code)")
             continue
-        shown, empty = visible(document, names, placeholders)
+        shown, empty = visible(document, terms, placeholders)
         texts.append((path, shown))
         for section in empty:
             if section.title:
@@ -435,13 +504,15 @@ def _mentioned(texts: _Texts, names: Sequence[str], synonyms: Sequence[str]) -> 
     return None
 
 
-def _how_to_run(texts: _Texts, p: Readme) -> tuple[str, list[str]]:
-    """Return the place and text of the instruction to run the work, and notes for a person about it."""
+def _how_to_run(texts: _Texts, p: Readme, own: str | None) -> tuple[str, list[str]]:
+    """Return the place and text of the instruction to run the work, and notes for a person about it.
+
+    Commands for other work are no instruction, unless any command will do (own: None).
+    """
     for path, shown in texts:
-        found = next(command_lines(shown, p.commands), None)
-        if found is not None:
-            line, command = found
-            return f"{_at(path, line)}, {command[:80]}", []
+        for line, command in command_lines(shown, p.commands):
+            if own is None or not _is_of_other_work(command, own):
+                return f"{_at(path, line)}, {command[:80]}", []
     for path, shown in texts:
         in_words = instruction_line(shown, p.run_words)
         if in_words is not None:

@@ -472,6 +472,10 @@ class WantedNode(Parameters):
     artifact: ref.Artifact
     executable: ref.GivenName
     charged_by: ref.EarlierCheckId
+    types_charged_by: ref.EarlierCheckId | None = Field(
+        None,
+        description="In rubrics of earlier versions: a check that charges parameters declared with a wrong type.",
+    )
     hears_charged_by: ref.EarlierCheckId | None = Field(
         None,
         description="Check that charges what another node sends it; an exception by that is no second fault.",
@@ -486,6 +490,12 @@ class LaunchNodes(Parameters):
     other_name_credit: Share = Field(0.5, description="Credit of one that runs under another name.")
     down_costs: Share = Field(
         0.0, description="Least share of the credit that is lost where one of them does not run."
+    )
+    other_step: ref.PlanLabel | None = Field(
+        None, description="Step that evaluated the file with other arguments."
+    )
+    optional_costs: Share = Field(
+        0.4, description="Share of the credit that is lost where these arguments leave a node out."
     )
 
     def sought(self) -> Sequence[ref.Sought]:
@@ -551,8 +561,30 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     parts = [_judge_node(context, p, wanted, entries) for wanted in p.nodes]
     parts = _less_for_missing(parts, p.down_costs)
     up = _nodes_up(context, plan) or "no node of the student in the graph"
-    finding = of_parts(expected, parts, measured=up)
+    costs = _left_out_by_arguments(context, p, entries)
+    finding = of_parts(expected, parts, measured=up, costs=costs)
     return replace(finding, retry=not any(part.doubt for part in parts))
+
+
+def _left_out_by_arguments(
+    context: Context, p: LaunchNodes, entries: Mapping[str, Process | None]
+) -> list[tuple[float, str]]:
+    """Charge the nodes that the file starts with its default arguments only."""
+    if p.other_step is None:
+        return []
+    other = plan_of(context, p.other_step)
+    if other.problem is not None or _has_components(other):
+        return []
+    left_out = []
+    for wanted in p.nodes:
+        if entries[wanted.node] is None:
+            continue
+        if _entry_for(context, other, wanted.node, wanted.executable) is None:
+            left_out.append(wanted.node)
+    if not left_out:
+        return []
+    reason = f"With other arguments the file does not start {', '.join(left_out)}."
+    return [(p.optional_costs, reason)]
 
 
 def _absent(context: Context, entries: Mapping[str, Process | None]) -> list[str]:
@@ -627,7 +659,10 @@ def _judge_absent(context: Context, p: LaunchNodes, wanted: WantedNode, entry: P
     if other_name is not None and not _died(context, entry):
         reason = f"{wanted.executable} runs under the name {other_name}, not {wanted.node}."
         where = (Location(file=entry.file, line=entry.line),)
-        return Part(p.other_name_credit, "", reason, where=where)
+        hint = f"Give the Node name='{_short(wanted.node)}'."
+        if _short(other_name) == _short(wanted.node):
+            hint = "Take the namespace out of the Node, or out of the group around it."
+        return Part(p.other_name_credit, "", reason, hint=hint, where=where)
     return _why_down(context, entry, wanted.executable)
 
 
@@ -712,6 +747,7 @@ def _chargers(context: Context, entry: Process, wanted: WantedNode) -> list[str 
         return by
     ended_alone = any(map(any, ends_alone.values()))
     if found.kind == "parameter-type":
+        by.append(wanted.types_charged_by)
         return by
     if end is not None and not ended_alone:
         by.append(wanted.hears_charged_by)
@@ -817,6 +853,7 @@ class WantedNodeParameter(Parameters):
     argument: ref.GivenName | None = Field(
         None, description="Launch argument that it follows; its default is judged elsewhere."
     )
+    weight: float = Field(1.0, gt=0, description="Weight beside the other parameters.")
 
 
 class LaunchParameters(Parameters):
@@ -849,7 +886,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
             continue
         if wanted.name in left_out.get(entry.id, ()):
             # The check of the loading charges the argument without a value.
-            parts.append(Part(1.0))
+            parts.append(Part(1.0, weight=wanted.weight))
             continue
         part = _judge_parameter(context, p, wanted, entry, plan, other)
         if entry.file and part.reason:
@@ -857,7 +894,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
             part = replace(part, where=(location,))
         if wanted.argument is not None:
             part = context.charge_part(part, _argument_cause(wanted.argument))
-        parts.append(part)
+        parts.append(replace(part, weight=wanted.weight))
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
     return of_parts(expected, parts)
@@ -1195,13 +1232,25 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
             judged.append(role.charged_once(context, roles, part))
     if all(part.is_excused for part in judged):
         return _nothing_to_judge(expected, roles)
-    topic = None
+    where = (context.location(_topic_of(p)),)
+    moved = _moved(context, p)
+    finding = of_parts(expected, [*judged, *down], costs=moved, where=where)
+    if moved:
+        return replace(finding, hint=_STAY)
+    return finding
+
+
+#: Instruction for a launch file with a namespace around the commands.
+_STAY = "Take the namespace out of the launch file, or begin the topic's name with '/'."
+
+
+def _topic_of(p: LaunchTogether) -> str | None:
+    """Return the topic of the commands, or else of the states; None without both."""
     if p.commands is not None:
-        topic = p.commands.topic
-    elif p.follows is not None:
-        topic = p.follows.topic
-    where = (context.location(topic),)
-    return of_parts(expected, [*judged, *down], costs=_moved(context, p), where=where)
+        return p.commands.topic
+    if p.follows is not None:
+        return p.follows.topic
+    return None
 
 
 def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
@@ -1217,7 +1266,7 @@ def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
     if launched in (topic, by_hand):
         return []
     reason = f"Launched, the commands are on {launched}, and alone on {by_hand}. "
-    reason += "A namespace moves each topic without a leading '/', and only these."
+    reason += "A namespace moves each topic without a leading '/', and a remapping the topics that it names."
     return [(1.0, reason)]
 
 

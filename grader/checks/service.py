@@ -121,6 +121,10 @@ class CallAnswered(Parameters):
     again: ref.CallLabel | None = Field(
         None, description="A later step with the same request, which must get the same answer."
     )
+    again_charged_by: ref.EarlierCheckId | None = Field(
+        None,
+        description="In rubrics of earlier versions: a check that charges later answers and contrary messages too.",
+    )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(
         0.75, description="Credit of a right answer that is another one later."
@@ -322,11 +326,11 @@ def _judge_state(context: Context, answered: _Answered, p: CallAnswered) -> Find
     finding = _contrary(answered, p, later)
     if finding is not None:
         # Each report of the opposite misleads by itself.
-        return finding
+        return context.charge(finding, None, [p.again_charged_by])
     finding = _changed(answered, p, later)
     if finding is not None:
         cause = f"later answers of {_service_of(_step_that_counts(context, p))}"
-        return context.charge(finding, cause)
+        return context.charge(finding, cause, [p.again_charged_by])
     return None
 
 

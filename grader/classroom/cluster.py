@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import logging
 import pickle
 import sys
 import tarfile
@@ -28,6 +29,8 @@ from grader.classroom.scheduler import Machine
 from grader.classroom.worker import Here
 from grader.errors import GraderError, PlatformError
 from grader.files import atomic_replacement
+from grader.live.sandbox.course_ros import installation_at, require_usable
+from grader.live.sandbox.installation import Installation
 from grader.live.sandbox.probing import probe_isolation
 from grader.live.session.runner import Progress
 from grader.pipeline import PARTS
@@ -36,7 +39,13 @@ from grader.submission.extraction import Intake, SubmissionSource, open_submissi
 _CONNECT_S = 10
 _WATCH_S = 1.0
 _POLL_S = 0.2
-_LOST = "Read the workers' logs, then run the same command again: finished submissions are kept."
+_WORKERS_LOST = (
+    "Read the workers' logs, then run the same command again: finished submissions are kept."
+)
+_SCHEDULER_LOST = (
+    "Start a scheduler again, then run the same command: finished submissions are kept."
+    " Without --scheduler, it grades the others here."
+)
 
 
 @dataclass(frozen=True)
@@ -51,6 +60,8 @@ class Bundle:
     #: The files beside the rubric.
     lab: bytes
     own_interpreter: bool
+    #: Contents of the installation of ROS for students' programs; empty for wheels.
+    ros: list[str] = field(default_factory=list)
 
 
 def packed(files: dict[str, Path]) -> bytes:
@@ -90,7 +101,10 @@ def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
             b"",
         )
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
-        job = _laid_out(sent, Path(scratch))
+        try:
+            job = _laid_out(sent, Path(scratch))
+        except PlatformError as problem:
+            return problem, Level.NONE.value, b""
         isolation = probe_isolation(job.options.interpreter)
         with Here(isolation, Machine.of(isolation, job.options.jobs)) as here:
             ending, _ = asyncio.run(here.grade(job, lambda progress: None))
@@ -109,8 +123,38 @@ def _laid_out(sent: Bundle, scratch: Path) -> Job:
     options = sent.job.options
     if sent.own_interpreter:
         options = replace(options, interpreter=Path(sys.executable))
+    if options.ros is not None:
+        ros = same_installation(options.ros, sent.ros)
+        options = replace(options, ros=ros, interpreter=ros.interpreter)
     results = scratch / "results"
     return replace(sent.job, source=source, results=results, rubric=rubric, options=options)
+
+
+def same_installation(sent: Installation, contents: list[str]) -> Installation:
+    """Return the installation of ROS in the same folder of this machine.
+
+    Parameters
+    ----------
+    sent
+        The installation on the machine of the command.
+    contents
+        Its contents there.
+
+    Raises
+    ------
+    PlatformError
+        It is missing here, does not work, or has another version or other packages.
+    """
+    assert sent.prefix is not None
+    found = installation_at(sent.prefix, sent.interpreter)
+    require_usable(found)
+    if found.contents() != contents:
+        raise PlatformError(
+            "a worker's installation of ROS differs from the one here",
+            location=str(sent.prefix),
+            remedy="Install the same packages of ROS on all machines, in the same folder.",
+        )
+    return found
 
 
 @asynccontextmanager
@@ -118,10 +162,13 @@ async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cl
     """Connect to a scheduler, by its address or by the file that it wrote; raises PlatformError if that fails."""
     import distributed
 
-    kind = "address"
+    # Its errors reach the caller as exceptions.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    location: dict[str, Any] = {"address": address}
     if Path(address).is_file():
-        kind = "scheduler_file"
-    location: dict[str, Any] = {kind: address}
+        location = {"scheduler_file": address}
+    elif ":" not in address:
+        raise _no_file(address)
     try:
         client_of: Any = distributed.Client
         client = await client_of(
@@ -145,6 +192,15 @@ async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cl
             await client.close()
 
 
+def _no_file(address: str) -> PlatformError:
+    """Return the error for an address without a port, if no file has that name."""
+    remedy = (
+        "A scheduler writes this file when it has started. Wait for it, check the path, or give"
+        " an address such as tcp://127.0.0.1:8786."
+    )
+    return PlatformError("there is no such file of a scheduler", location=address, remedy=remedy)
+
+
 @dataclass
 class Cluster:
     """The machines of a scheduler's workers."""
@@ -165,28 +221,53 @@ class Cluster:
         """Grade a submission on one of the workers."""
         key = f"grade-{uuid.uuid4().hex}"
         async with self._next:
-            while len(self._under_way) >= self._threads:
+            while self._is_busy():
                 await asyncio.sleep(_POLL_S)
             self._under_way[key] = on_progress
         try:
             on_progress(Progress("", "waits for a worker"))
-            future = self.client.submit(
-                grade_bundle, await asyncio.to_thread(self._bundle, job), key=key, pure=False
-            )
+            bundle = await asyncio.to_thread(self._bundle, job)
             try:
-                ending, level, results = await future
-            except asyncio.CancelledError:
-                with suppress(Exception):
-                    await future.cancel()
-                raise
+                ending, level, results = await self._graded(bundle, key)
             except (Exception, CancelledError) as problem:
-                return _lost(problem), Level.NONE
+                return self._lost(problem), Level.NONE
         finally:
             del self._under_way[key]
         if results:
             with atomic_replacement(job.results, PARTS) as new:
                 await asyncio.to_thread(unpack, results, new)
         return ending, Level(level)
+
+    def _is_busy(self) -> bool:
+        """Tell whether another submission has to wait; none waits for the workers of a lost scheduler."""
+        if self.client.status == "closed":
+            return False
+        return len(self._under_way) >= self._threads
+
+    async def _graded(self, bundle: bytes, key: str) -> tuple[Ending, str, bytes]:
+        """Grade a bundle on a worker; raises an exception of Dask if workers or the scheduler are lost."""
+        future = self.client.submit(grade_bundle, bundle, key=key, pure=False)
+        try:
+            graded: tuple[Ending, str, bytes] = await future
+            return graded
+        except asyncio.CancelledError:
+            with suppress(Exception):
+                await future.cancel()
+            raise
+
+    def _lost(self, problem: BaseException) -> GraderError:
+        """Return the error of a submission without a result from the workers."""
+        if type(problem).__name__ == "KilledWorker":
+            lost = "the connection to each worker that graded it was lost"
+            return GraderError(lost, remedy=_WORKERS_LOST)
+        # A client without a scheduler cancels submissions under way. When it is closed, it refuses later ones.
+        is_lost = self.client.status == "closed"
+        if isinstance(problem, CancelledError):
+            is_lost = True
+        if is_lost:
+            return GraderError("the connection to the scheduler was lost", remedy=_SCHEDULER_LOST)
+        words = f"the cluster failed: {type(problem).__name__}: {problem}"
+        return GraderError(words, remedy=_WORKERS_LOST)
 
     async def workers(self) -> int:
         """Return the number of submissions that the workers can grade at a time."""
@@ -211,13 +292,12 @@ class Cluster:
             own = job.options.interpreter == Path(sys.executable)
             sent = replace(job, source=intake)
             files = dict(fingerprint.files_below(intake.folder))
-            bundle = Bundle(self._engine, sent, packed(files), lab, own)
+            bundle = Bundle(self._engine, sent, packed(files), lab, own, _contents_of(job))
             return pickle.dumps(bundle)
 
 
-def _lost(problem: BaseException) -> GraderError:
-    if type(problem).__name__ == "KilledWorker":
-        return GraderError("the connection to each worker that graded it was lost", remedy=_LOST)
-    if isinstance(problem, CancelledError):
-        return GraderError("the connection to the scheduler was lost", remedy=_LOST)
-    return GraderError(f"the cluster failed: {type(problem).__name__}: {problem}", remedy=_LOST)
+def _contents_of(job: Job) -> list[str]:
+    """Return the contents of the installation of ROS for students' programs; empty for wheels."""
+    if job.options.ros is None:
+        return []
+    return job.options.ros.contents()

@@ -213,7 +213,7 @@ def main() -> None:
                 servers.append(stack.enter_context(ForkServer(given_in_steps(job.rubric, "type"))))
                 # A failed import is reported by its first use.
                 with suppress(Exception):
-                    prepare(job.rubric)
+                    prepare(job.rubric, job.rubric.reference_programs)
                 gc.freeze()
             grade = partial(_grade, job, servers[0])
             return Program("worker", grade, dict(os.environ), kept=[servers[0].fileno()])

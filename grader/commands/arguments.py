@@ -26,6 +26,7 @@ from grader.report.escape import terminal_text
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
+    from grader.lab.rubric import Rubric
     from grader.live.sandbox.installation import Installation
 
 _Submission = TypeVar("_Submission")
@@ -175,17 +176,18 @@ def interpreter_of(chosen: Path | None) -> Path:
 _OF_LAB = Path("lab")
 
 
-def interpreter_for(chosen: Path | None, rubric: Path | None) -> Path:
+def interpreter_for(chosen: Path | None, read_rubric: Callable[[], Rubric]) -> Path:
     """Return the interpreter for students' code; `lab` stands for an environment with the lab's requirements.
+
+    The rubric is read for this word alone.
 
     Raises PlatformError if the interpreter is missing or the environment cannot be made.
     """
     if chosen != _OF_LAB:
         return interpreter_of(chosen)
-    from grader.judging import rubrics
     from grader.live.sandbox.students_python import students_python
 
-    return students_python(rubrics.read_rubric(rubric).lab.requirements)
+    return students_python(read_rubric().lab.requirements)
 
 
 def add_ros(parser: _ActionsContainer) -> None:
@@ -199,7 +201,7 @@ def add_ros(parser: _ActionsContainer) -> None:
 
 
 def students_side(
-    chosen: Path | None, rubric: Path | None, prefix: Path | None = None
+    chosen: Path | None, rubric: Rubric, prefix: Path | None = None
 ) -> tuple[Path, Installation | None]:
     """Return the interpreter of students' code and the installation of ROS: the option's, or else the lab's.
 
@@ -222,12 +224,13 @@ def students_side(
     """
     from grader.live.sandbox.course_ros import installation_at, require_usable
 
-    interpreter = interpreter_for(chosen, rubric)
+    interpreter = interpreter_for(chosen, lambda: rubric)
     own = None
+    named = rubric.lab.environment
     if chosen is not None:
         own = interpreter
     elif prefix is None:
-        prefix = _environment_of(rubric)
+        prefix = _folder_at(named)
     if prefix is None:
         return interpreter, None
     installation = installation_at(prefix, own)
@@ -235,11 +238,8 @@ def students_side(
     return installation.interpreter, installation
 
 
-def _environment_of(rubric: Path | None) -> Path | None:
-    """Return the installation of ROS that a lab names."""
-    from grader.judging import rubrics
-
-    named = rubrics.read_rubric(rubric).lab.environment
+def _folder_at(named: str | None) -> Path | None:
+    """Return the path of a folder that a lab names, if it names one."""
     if named is None:
         return None
     return Path(named)

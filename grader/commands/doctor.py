@@ -6,6 +6,8 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.text import Text
@@ -20,6 +22,9 @@ from grader.commands.arguments import (
 )
 from grader.doctor.status import Status, Verdict, status_of_limits
 from grader.report.escape import terminal_text
+
+if TYPE_CHECKING:
+    from grader.lab.rubric import Rubric
 
 #: Exit status if this machine cannot grade.
 _UNFIT = 1
@@ -63,14 +68,13 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _statuses(options: argparse.Namespace) -> Iterator[Status]:
-    interpreter = interpreter_for(options.python, options.rubric)
+    interpreter = interpreter_for(options.python, partial(_rubric_of, options))
     limits = status_of_limits()
     yield limits
     if limits.verdict is Verdict.FAIL:  # A limit on memory prevents the imports below.
         return
     from grader.doctor.examination import calibrate, examine
     from grader.doctor.ros_prefix import examine_ros
-    from grader.judging import rubrics
 
     yield from examine(interpreter)
     if options.ros is not None:
@@ -79,7 +83,14 @@ def _statuses(options: argparse.Namespace) -> Iterator[Status]:
             chosen = interpreter
         yield from examine_ros(options.ros, chosen)
     if options.calibrate:
-        yield from calibrate(interpreter, rubrics.read_rubric(options.rubric))
+        yield from calibrate(interpreter, _rubric_of(options))
+
+
+def _rubric_of(options: argparse.Namespace) -> Rubric:
+    """Read the rubric, which few examinations need."""
+    from grader.judging import rubrics
+
+    return rubrics.read_rubric(options.rubric)
 
 
 def _print(status: Status, console: Console) -> None:

@@ -207,17 +207,21 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the submissions; returns the exit status."""
     parser = make_parser()
     options = parser.parse_args(arguments)
+    if options.scheduler is None:
+        _note_limits(console)
+    from grader.judging import rubrics
+
+    rubric = rubrics.read_rubric(options.rubric)
+    options.python, options.ros = students_side(options.python, rubric, options.ros)
     if options.scheduler is not None:
-        return _run(parser, options, console)
-    _note_limits(console)
+        return _run(parser, options, rubric, console)
     from grader.live.sandbox.environment import require_platform
     from grader.live.session.scheduler import LocalScheduler
 
-    options.python, options.ros = students_side(options.python, options.rubric, options.ros)
     if options.ros is None:
         require_platform(options.python)
     with LocalScheduler(options.python, options.jobs) as options.local:
-        return _run(parser, options, console)
+        return _run(parser, options, rubric, console)
 
 
 def _note_limits(console: Console) -> None:
@@ -230,12 +234,12 @@ def _note_limits(console: Console) -> None:
         print_note(console, f"Note: {shortage}.")
 
 
-def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: Console) -> int:
+def _run(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, rubric: Rubric, console: Console
+) -> int:
     from confine.scratch import remove_stale
     from grader import pipeline
-    from grader.judging import rubrics
 
-    rubric = rubrics.read_rubric(options.rubric)
     pipeline.require_sessions(options.sessions or (), rubric)
     if options.scheduler is None:
         require_extras(rubric)
@@ -243,7 +247,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
     found = _found(options, rubric)
     is_for_classes = options.scheduler is not None or options.undecided
     is_class = len(found.submissions) > 1 or is_for_classes
-    _require_compatible_options(parser, options, rubric, is_class=is_class)
+    _require_compatible_options(parser, options, is_class=is_class)
     origins = [source.origin for source in found.submissions]
     _require_safe_output(options, rubric, origins)
     _note_uncounted_overrides(options, origins, console)
@@ -265,15 +269,12 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
 
 
 def _require_compatible_options(
-    parser: argparse.ArgumentParser, options: argparse.Namespace, rubric: Rubric, *, is_class: bool
+    parser: argparse.ArgumentParser, options: argparse.Namespace, *, is_class: bool
 ) -> None:
     """End with a usage error if options exclude each other, or do not work for a class."""
-    if options.undecided and options.scheduler is not None:
-        parser.error("--undecided runs on this machine only; leave out --scheduler")
-    if options.scheduler is not None:
-        if {options.ros, rubric.lab.environment} != {None}:
-            reason = "--ros and a lab's environment are for this machine only"
-            parser.error(f"{reason}; leave out --scheduler")
+    if options.undecided:
+        if options.scheduler is not None:
+            parser.error("--undecided runs on this machine only; leave out --scheduler")
     if is_class and options.timings:
         parser.error(
             "--timings is for one submission, without --scheduler and --undecided; leave out --timings"

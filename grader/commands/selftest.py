@@ -141,7 +141,7 @@ def _run(
     from grader.classroom.worker import Here
     from grader.live.sandbox.probing import probe_isolation
 
-    interpreter, ros = students_side(None, options.rubric)
+    interpreter, ros = students_side(None, rubric)
     isolation = probe_isolation(interpreter)
     machine = Machine.of(isolation, options.jobs)
     # The submissions are known, so any level of confinement is enough.

@@ -10,6 +10,7 @@ from decimal import Decimal
 from enum import StrEnum
 
 from grader.cohort.mistakes import gist
+from grader.evidence.environment_gap import for_teachers
 from grader.lab.rubric import Rubric
 from grader.report.views import chosen_words
 from grader.result import (
@@ -248,9 +249,11 @@ def _asked_of(
     if isinstance(judged, CriterionResult):
         return asked
     if judged.undecided:
-        kind = Kind.TO_GRADE if judged.id in by_person else Kind.UNDECIDED
         is_open = any(check.id == judged.id for check in result.open_checks)
-        asked.append((kind, judged.reason, not is_open))
+        if judged.id in by_person:
+            asked.append((Kind.TO_GRADE, judged.reason, not is_open))
+        else:
+            asked.append((Kind.UNDECIDED, for_teachers(judged.reason), not is_open))
     elif notes := _asking(judged):
         is_answered = _is_answered(result.adjustments, (judged.id, criterion.id))
         asked.append((Kind.NOTE, " ".join(notes), is_answered))

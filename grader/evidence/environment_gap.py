@@ -19,6 +19,8 @@ from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
 _WHO_DECIDES = "Your instructor will run it by hand."
+#: Sentences to students about the person who decides.
+_TO_STUDENTS = re.compile(r" ?Your instructor [^.]{1,100}\.")
 _NEEDS = "It needs {module}, which the grading computer lacks."
 _NEEDED = re.compile(re.escape(_NEEDS).replace(r"\{module\}", r"([\w.]+)"))
 #: Names of NumPy 1.26 that NumPy 2 removed, by its migration guide.
@@ -169,7 +171,7 @@ def for_teachers(reason: str) -> str:
     `It needs tabulate, which the grading computer lacks. ...` gets the commands that install it and grade again.
     """
     needed = _NEEDED.search(reason)
-    text = reason.removeprefix("Not your fault: ").replace(f" {_WHO_DECIDES}", "")
+    text = _TO_STUDENTS.sub("", reason.removeprefix("Not your fault: "))
     text = f"{text[:1].upper()}{text[1:]}"
     if needed is None:
         return text

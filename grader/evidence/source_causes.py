@@ -76,6 +76,7 @@ def corrected(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
     """Return the cause of a crash by the source, where the traceback names another line or cause.
 
     An attribute of rclpy's Node may have been overwritten. A callback without `return` fails in rclpy, after its end.
+    argparse refuses arguments without a traceback.
     """
     if found.kind == "parameter-not-declared":
         return _by_overwritten(found, texts.get(found.file or "", ""))
@@ -83,6 +84,8 @@ def corrected(found: Diagnosis, texts: Mapping[str, str]) -> Diagnosis:
         return _by_callback(found, texts)
     if found.kind == "format-of-several":
         return _by_format(found, texts.get(str(found.file), ""))
+    if found.kind == "ros-arguments":
+        return _by_call(found, texts.get(str(found.file), ""), "parse_args")
     return found
 
 
@@ -93,6 +96,18 @@ def _by_overwritten(found: Diagnosis, text: str) -> Diagnosis:
     problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters: declared ones are lost."
     remedy = "Give the attribute another name, for instance self._my_parameters."
     return Diagnosis(OVERWRITTEN, problem, remedy, found.file, line, subject=found.subject)
+
+
+def _by_call(found: Diagnosis, text: str, function: str) -> Diagnosis:
+    """Return the line of the first call of a function, if there is one."""
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return found
+    lines = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and _is_named(node.func, function):
+            lines.append(node.lineno)
+    return replace(found, line=min(lines, default=None))
 
 
 def _by_format(found: Diagnosis, text: str) -> Diagnosis:

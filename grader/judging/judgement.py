@@ -19,6 +19,7 @@ from grader.evidence.oracle import compiled
 from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
+from grader.judging.past_scores import with_past
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import CriterionSpec, Rubric
@@ -79,9 +80,10 @@ def judge_recordings(
     by_rubric = earlier or judge(recordings, rubric)
     submission_time = rubric.policy.zoned(submission_time_of(submission))
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, submission_time)
+    previous = result_of_text(text_of(folder / EARLIER_FILE))
+    result = with_past(result, previous)
     if not page:
         return Judgement(by_rubric, result, "", to_json(result))
-    previous = result_of_text(text_of(folder / EARLIER_FILE))
     shown = report_page(result, recordings, rubric, previous)
     layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}
     return Judgement(by_rubric, result, shown, to_json(result), layouts)
@@ -152,6 +154,8 @@ _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.
 #: Types of the topics that every node has.
 _OF_EVERY_NODE = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
 _MESSAGE_TYPE = re.compile(r"\b\w+/msg/\w+")
+#: Message types that a Python file imports, such as `from std_msgs.msg import Bool, String`.
+_IMPORTED = re.compile(r"^[ \t]*from (\w+)\.msg import ([\w, ]+)", re.MULTILINE)
 #: Hashes of rubrics. This process, or its parent, is prepared for each.
 _prepared: set[str] = set()
 
@@ -165,7 +169,7 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     Parameters
     ----------
     naming_types
-        Further files with names of message types, such as a recording of the lab.
+        Further files with names of message types, such as a recording of the lab, or its reference nodes.
     """
     if rubric.sha256 in _prepared:
         return
@@ -181,12 +185,17 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
 
 
 def _message_types(rubric: Rubric, files: Iterable[Path]) -> list[str]:
-    """Return the message types that are named in the steps of a rubric and in some files."""
+    """Return the message types that are named in the steps of a rubric, and named or imported in some files."""
     texts = [_OF_EVERY_NODE]
     for session in rubric.sessions.values():
         texts += [str(step.parameters) for step in session.steps]
     texts += [file.read_text("utf-8") for file in files]
-    return sorted(set(_MESSAGE_TYPE.findall("\n".join(texts))))
+    text = "\n".join(texts)
+    named = set(_MESSAGE_TYPE.findall(text))
+    for package, names in _IMPORTED.findall(text):
+        for name in names.split(","):
+            named.add(f"{package}/msg/{name.strip()}")
+    return sorted(named)
 
 
 def _compile_decoders(types: Iterable[str]) -> None:

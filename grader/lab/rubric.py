@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
@@ -204,16 +204,12 @@ class StepSpec:
         return self.step.model_dump(mode="json", by_alias=True)
 
 
-def _entries() -> dict[str, type[Strict]]:
-    """Return the model of a step's mapping in the list of steps, by the step's kind."""
-    found: dict[str, type[Strict]] = {}
-    for kind, model in STEPS.items():
-        fields: dict[str, Any] = {kind: (model, ...), "label": (str | None, None)}
-        found[kind] = create_model(model.__name__, __base__=Parameters, **fields)
-    return found
-
-
-_ENTRIES = _entries()
+@cache
+def _entry_of(kind: str) -> type[Strict]:
+    """Return the model of a step's mapping in the list of steps."""
+    model = STEPS[kind]
+    fields: dict[str, Any] = {kind: (model, ...), "label": (str | None, None)}
+    return create_model(model.__name__, __base__=Parameters, **fields)
 
 
 def _step(value: Any, info: ValidationInfo) -> Any:
@@ -232,7 +228,7 @@ def _step(value: Any, info: ValidationInfo) -> Any:
     if info.context is not None:
         info.context.session = info.data.get("id")
     kind = kinds[0]
-    entry = _ENTRIES[kind].model_validate(value, context=info.context)
+    entry = _entry_of(kind).model_validate(value, context=info.context)
     return StepSpec(kind, getattr(entry, kind), getattr(entry, "label"))  # noqa: B009
 
 
@@ -567,6 +563,14 @@ class Rubric(RubricFile):
     def sha256(self) -> str:
         """Hash of the rubric's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
+
+    @property
+    def reference_programs(self) -> list[Path]:
+        """Files of the reference nodes."""
+        found = []
+        for spec in self.reference.values():
+            found.append(self.folder / spec.file)
+        return found
 
     @cached_property
     def functions(self) -> tuple[str, ...]:

@@ -103,6 +103,8 @@ class ProcessRun:
     held_ns: int | None = None
     #: Delays by the machine: [begin of a span, its length, delay within it], in ns. None if it was not watched.
     disturbed: list[list[int]] | None = None
+    #: Frames of a compiled program that crashed, the innermost first: written by its process, never evidence for points.
+    crash: list[StackFrame] = field(default_factory=list)
 
     @property
     def ended_unasked(self) -> bool:

@@ -33,7 +33,10 @@ class Person:
 
     def completed(self, other: Person) -> Person:
         """Return these facts, with those of another record of the person where these are empty."""
-        facts = {fact: text or getattr(other, fact) for fact, text in vars(self).items()}
+        facts = vars(self).copy()
+        for fact, text in vars(other).items():
+            if not facts[fact]:
+                facts[fact] = text
         return Person(**facts)
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 from grader.cohort.changes import changes_between
@@ -79,11 +80,33 @@ def render(
 
 
 def _compared(before: Result | None, result: Result) -> dict[str, Any]:
-    """Return the template's values about the previous result."""
+    """Return the template's values about the previous results."""
     if before is None:
-        return {"changes": None, "other_rubric": False}
+        return {"changes": None, "other_rubric": False, "submissions": []}
     other_rubric = before.rubric_sha256 != result.rubric_sha256
-    return {"changes": changes_between(before, result), "other_rubric": other_rubric}
+    return {
+        "changes": changes_between(before, result),
+        "other_rubric": other_rubric,
+        "submissions": _submissions(result),
+    }
+
+
+def _submissions(result: Result) -> list[tuple[str, views.Share]]:
+    """Return time and points of the previous submissions, oldest first; none for a single one.
+
+    The changes tell a single one already.
+    """
+    previous = result.provenance.get("previous", [])
+    if len(previous) < 2:
+        return []
+    found = []
+    for past in previous:
+        earned = Decimal(str(past["earned"]))
+        possible = Decimal(str(past["possible"]))
+        undecided = Decimal(str(past["undecided"]))
+        share = views.share_of(earned, possible, undecided)
+        found.append((views.utc(past["recorded_ns"]), share))
+    return found
 
 
 def _open_checks(result: Result) -> dict[str, Any]:

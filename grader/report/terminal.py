@@ -57,7 +57,10 @@ class ProgressDisplay(Live):
         self._began_s: dict[str, float] = {}
         self._took_s: dict[str, float] = {}
         super().__init__(
-            console=console, get_renderable=self._table, refresh_per_second=8, transient=True
+            console=console,
+            get_renderable=self._table,
+            auto_refresh=console.is_terminal,
+            transient=True,
         )
 
     def note(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:

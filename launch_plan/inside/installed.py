@@ -11,6 +11,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
+from launch_plan.format import is_left_out
 from launch_plan.jazzy import is_released
 
 #: Most files of a submission that are looked at.
@@ -184,7 +185,13 @@ def _not_found(executable: str, package: str, folder: Path, root: str) -> tuple[
 def _executables(folder: Path) -> list[str]:
     if not folder.exists():
         return []
-    return sorted(path.name for path in folder.iterdir() if _is_executable(path))
+    names = []
+    for path in folder.iterdir():
+        if is_left_out(path):
+            continue
+        if _is_executable(path):
+            names.append(path.name)
+    return sorted(names)
 
 
 def _is_executable(path: Path) -> bool:

@@ -528,7 +528,10 @@ def _judge_phase(fit: Sinusoid, c: Component, p: Sinusoids, text: str) -> Part:
 
 
 def _wrong_motion(fit: Sinusoid, c: Component, p: Sinusoids, text: str, got: str) -> Part:
-    """Judge a motion that is not the wanted one: half for its frequency, half for its amplitude."""
+    """Judge a motion that is not the wanted one: half for its frequency, and a fifth for its amplitude.
+
+    At another frequency it is elsewhere at almost every time.
+    """
     is_clean = fit.residual < 0.2 * c.amplitude
     is_centred = abs(fit.offset) <= p.tolerance * c.amplitude
     amplitude_ratio, frequency_ratio = _ratios(fit, c)
@@ -544,7 +547,7 @@ def _wrong_motion(fit: Sinusoid, c: Component, p: Sinusoids, text: str, got: str
     if frequency_right:
         share += 0.5
     if amplitude_right and is_centred:
-        share += 0.5
+        share += 0.2
     slip = _slip_of(fit, c, p)
     return Part(share, text, f"{reason}. {slip}".strip())
 

@@ -61,6 +61,10 @@ class ReportedTraffic(BaseModel):
     latency_slack_s: float = Field(
         0.004, description="It may be above the recorded one by this much in any case."
     )
+    least_matched: Share = Field(
+        0.0,
+        description="Least share of rows whose messages can arrive; with fewer of them, the table compares nothing.",
+    )
 
 
 #: Results by the names of their rows; None if a row was not printed.
@@ -107,7 +111,9 @@ def _judge_rows(
         if part.text:
             measured = ""
     where = context.output_location(p.artifact)
+    parts = _with_shared_latency(rows, claims, parts)
     parts = _misleading(parts)
+    parts = _nothing_compared(context, p, rows, parts)
     return of_parts(expected, parts, measured=measured, where=(where,), doubt=delay.why)
 
 
@@ -183,6 +189,61 @@ def _misleading(parts: Sequence[_RowPart]) -> list[_RowPart]:
     if impossible < max(2, len(parts)):
         return list(parts)
     return [replace(part, share=part.share / 2, best=part.share / 2) for part in parts]
+
+
+#: Least of the largest latencies, in s, at which equal ones are no coincidence: printed to 0.01 ms, it has many values.
+_LEAST_SHARED_S = 0.0002
+#: Least number of rows with the same latencies.
+_MANY_ROWS = 3
+
+
+def _with_shared_latency(
+    rows: Sequence[Row], claims: _Claims, parts: Sequence[_RowPart]
+) -> list[_RowPart]:
+    """Return the parts, with half of their credit if all rows print one and the same mean and largest latency."""
+    printed = set()
+    for row in rows:
+        claim = claims[row.name]
+        if claim is None or claim.max_s is None:
+            return list(parts)
+        printed.add((claim.mean_s, claim.max_s))
+    mean_s, most_s = next(iter(printed))
+    if len(printed) > 1 or len(rows) < _MANY_ROWS:
+        return list(parts)
+    if mean_s is None or most_s is None or most_s < _LEAST_SHARED_S:
+        return list(parts)
+    latencies = f"{mean_s * 1e3:.2f} ms and at most {most_s * 1e3:.2f} ms"
+    reason = f"All rows print the same latencies, {latencies}, so these are not their own."
+    hint = "Keep a list of latencies for each profile."
+    shared = []
+    for part in parts:
+        half = min(part.share, 0.5)
+        shared.append(
+            replace(
+                part, share=half, best=half, reason=reason, hint=hint, has_impossible_latency=True
+            )
+        )
+    return shared
+
+
+def _nothing_compared(
+    context: Context, p: ReportedTraffic, rows: Sequence[Row], parts: Sequence[_RowPart]
+) -> list[_RowPart]:
+    """Return the parts, all without credit if too few rows can have messages."""
+    matched = len(rows)
+    for row in rows:
+        unheard = ""
+        if context.endpoints(row.topic, "subscription"):
+            unheard = context.unheard(row.topic)
+        if unheard:
+            matched -= 1
+    if matched >= p.least_matched * len(rows):
+        return list(parts)
+    nothing = [replace(part, share=0.0, best=0.0) for part in parts]
+    first = nothing[0]
+    reason = f"Messages can arrive for {matched} of {len(rows)} rows, which is too few to compare. {first.reason}"
+    nothing[0] = replace(first, reason=reason.strip())
+    return nothing
 
 
 def _judge_reported(

@@ -157,7 +157,7 @@ class TopicsCarryTraffic(BaseModel):
     )
 
 
-@check(commands=("ros2 topic hz {topic}",), by_endpoints=True)
+@check(commands=("ros2 topic hz {topic}", "ros2 topic info -v {topic}"), by_endpoints=True)
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     """Judge the number of messages by the publishers' sequence numbers.
 
@@ -181,6 +181,7 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
     """Judge the number of messages on one topic."""
     used = context.used(topic)
     count = _written(context, topic)
+    hint = ""
     undelayed = without_delay(count, delay.delay_s, delay.length_s)
     reasons = []
     heard = 1.0
@@ -190,6 +191,8 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
     if unheard:
         heard = p.unheard_credit
         reasons.append(unheard)
+        if "incompatible" in unheard:
+            hint = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
     if count < p.least_messages:
         reasons.append(f"Too few messages arrived on {topic}.")
     cost = 0.0
@@ -198,7 +201,8 @@ def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: D
         reasons.append(f"{topic} is named {used}; the other checks use that name.")
     share = max(0.0, _share_of(count, p) - cost)
     best = max(0.0, _share_of(undelayed, p) - cost)
-    return Part(share * heard, f"{used} {count} published", " ".join(reasons), best * heard)
+    text = f"{used} {count} published"
+    return Part(share * heard, text, " ".join(reasons), best * heard, hint=hint)
 
 
 def _share_of(count: float, p: TopicsCarryTraffic) -> float:
@@ -235,6 +239,10 @@ class QosProfiles(BaseModel):
     )
     alike_credit: Share = Field(
         1.0, description="Most of the credit where all profiles are one and the same."
+    )
+    least_matched: Share = Field(
+        0.0,
+        description="Least share of profiles whose sides can be connected; with fewer of them, nothing is compared.",
     )
 
 
@@ -302,18 +310,12 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     for wanted in p.profiles:
         publisher = _Side.of(context, "publisher", wanted.topic)
         subscription = _Side.of(context, "subscription", wanted.topic)
-        both = (publisher, subscription)
-        sides[wanted] = both
-        part = _judge_profile(wanted, both, p.one_sided_credit)
-        unheard = ""
-        if subscription.seen:
-            unheard = context.unheard(wanted.topic)
-        if unheard:
-            most = min(part.share, p.unmatched_credit)
-            part = replace(part, share=most)
-        parts.append(part)
+        sides[wanted] = (publisher, subscription)
+        parts.append(_judge_profile(wanted, sides[wanted], p.one_sided_credit))
+    parts = _less_for_unmatched(context, p, sides, parts)
     if _all_alike(sides):
-        parts = _limited(parts, p.alike_credit)
+        reason = "All topics have one and the same profile, so that nothing is compared."
+        parts = _limited(parts, p.alike_credit, reason)
     expected = "; ".join(map(_shown_profile, p.profiles))
     finding = of_parts(expected, parts, where=(context.location(),))
     unknown = _without_history(sides)
@@ -323,15 +325,38 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     return undecided(finding, reason, retry=False)
 
 
-def _limited(parts: list[Part], share: float) -> list[Part]:
-    """Return the parts of profiles that are all alike, each with a share if they have more together."""
+def _less_for_unmatched(
+    context: Context, p: QosProfiles, sides: _Sides, parts: Sequence[Part]
+) -> list[Part]:
+    """Return the parts, with less credit for unmatched profiles, and with none at all if these are many."""
+    less = []
+    matched = 0
+    for (wanted, both), part in zip(sides.items(), parts, strict=True):
+        unheard = ""
+        if both[1].seen:
+            unheard = context.unheard(wanted.topic)
+        if unheard:
+            most = min(part.share, p.unmatched_credit)
+            less.append(replace(part, share=most))
+        else:
+            matched += 1
+            less.append(part)
+    count = len(less)
+    if matched >= p.least_matched * count:
+        return less
+    reason = f"Messages can arrive on {matched} of {count} topics, which is too few to compare."
+    return _limited(less, 0.0, reason)
+
+
+def _limited(parts: list[Part], share: float, reason: str) -> list[Part]:
+    """Return the parts, each with a share if all have more together."""
     total = sum(part.share for part in parts)
     if total <= share * len(parts):
         return parts
     limited = [replace(part, share=share) for part in parts]
     first = limited[0]
-    reason = f"All topics have one and the same profile, so that nothing is compared. {first.reason}"
-    limited[0] = replace(first, reason=reason.strip())
+    both = f"{reason} {first.reason}"
+    limited[0] = replace(first, reason=both.strip())
     return limited
 
 

@@ -190,10 +190,20 @@ class ReportedSeries(Streams):
     )
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
-    end_charged_by: CheckId | None = Field(
+    least_reached: Share | None = Field(
         None,
-        description="Check that charges a node that ends early; then only half of the spans must be reached.",
+        description="A node that ends early is judged by the spans that it reached, and by this share of all at least.",
     )
+    end_charged_by: CheckId | None = Field(
+        None, description="Name in earlier rubrics; any check means least_reached: 0.5."
+    )
+
+    @property
+    def judged_at_least(self) -> float | None:
+        """Least share of spans for the judgement of an ended node; None for all."""
+        if self.end_charged_by is not None:
+            return 0.5
+        return self.least_reached
 
 
 @dataclass(frozen=True)
@@ -330,7 +340,7 @@ class _ReportCount:
         return best
 
 
-@check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
+@check(commands=("python3 {artifact}", "ros2 bag play recordings/{session} --topics {streams}"))
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of its reports, less the cost of messages without a report."""
     finding = _right_values(context, p)
@@ -413,21 +423,32 @@ def _judge_plateaus(
 
     The share of reports charges the plateaus without a report before the last right one.
     """
-    unreported = series.unreported
-    notes = []
-    if p.end_charged_by is not None and _ended_early(context, p, series):
-        phase = f"phase {series.reached + 1} of {series.count}"
-        notes.append(f"The node ended in {phase}, which costs points in {p.end_charged_by}.")
-        not_reached = series.count - series.reached
-        unreported += min(not_reached, series.count // 2)
+    not_judged, notes = _after_its_end(context, p, series)
+    unreported = series.unreported + not_judged
     judged = max(series.right, series.count - unreported)
     behind = series.behind(p)
     behind += series.plateaus[series.reached :]
     kept, doubt = _kept_behind(context, p, behind)
     share = series.right / judged
     best = min(1.0, (series.right + kept) / judged)
-    noted = replace(wrong, notes=tuple(notes))
+    noted = replace(wrong, notes=notes)
     return _regraded(noted, share, wrong.reason, best, doubt)
+
+
+def _after_its_end(
+    context: Context, p: ReportedSeries, series: _Series
+) -> tuple[int, tuple[str, ...]]:
+    """Return the number of free plateaus after the node's end, and a note about them."""
+    least = p.judged_at_least
+    if least is None:
+        return 0, ()
+    if not _ended_early(context, p, series):
+        return 0, ()
+    needed = math.ceil(least * series.count)
+    note = f"The node ended in phase {series.reached + 1} of {series.count}. "
+    note += f"Later phases cost nothing here, if {needed} were reached."
+    not_reached = series.count - series.reached
+    return min(not_reached, series.count - needed), (note,)
 
 
 def _ended_early(context: Context, p: ReportedSeries, series: _Series) -> bool:
@@ -563,7 +584,7 @@ class ReportedStatistics(Streams):
     )
 
 
-@check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
+@check(commands=("python3 {artifact}", "ros2 bag play recordings/{session} --topics {streams}"))
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     """Judge a printed vector, element by element; known mistakes are named."""
     expected = f"{p.length} numbers behind '{p.label}:' at the end, agreeing with the recording"

@@ -59,6 +59,10 @@ class CallGated(BaseModel):
         None,
         description="Check of the answer in the normal case; if that one fails, this is not tested.",
     )
+    allowed_charged_by: EarlierCheckId | None = Field(
+        None,
+        description="In rubrics of earlier versions: a check that charges another answer to the allowed call.",
+    )
     refused: Annotated[Mapping[str, Any], fields_of_type("_Response", "refused_step")]
     recovered: Annotated[Mapping[str, Any], fields_of_type("_Response", "recovered_step")]
     message_field: Annotated[str, fields_of_type("_Response", "refused_step")] = "message"
@@ -315,8 +319,10 @@ def _parameter_cause(step: Step | None) -> str | None:
 
 
 def _disallowed(context: Context, p: CallGated) -> Answer:
-    """Return another answer to the call that must stay possible; None if it is right."""
+    """Return another answer to the call that must stay possible; None if it is right or charged."""
     if p.allowed_step is None:
+        return None
+    if context.charged(p.allowed_charged_by):
         return None
     step = context.step(p.allowed_step)
     if not _was_sent(step):

@@ -61,7 +61,11 @@ def test_a_command_has_the_values_of_the_check_and_of_its_steps(rubric: Rubric) 
         "ros2 topic pub -r 100.0 /joint_states std_msgs/msg/Float64MultiArray "
     )
     replay = "ros2 bag play recordings/subscriber --topics /joint_commands /joint_states"
-    assert shown(rubric, "reported_series") == [replay]
+    assert shown(rubric, "reported_series") == ["python3 joint_subscriber.py", replay]
+    launched = "ros2 launch 'launch/my robot_launch.py'"
+    assert shown(rubric, "launch_nodes") == [launched, "ros2 node list"]
+    named = shown(rubric, "launch_parameters", reason="/robot_mode_service has no parameter.")
+    assert named == [launched, "ros2 param dump /robot_mode_service"]
     assert shown(rubric, "launch_arguments") == [
         "ros2 launch 'launch/my robot_launch.py' --show-args"
     ]
@@ -109,6 +113,14 @@ def test_a_silent_publisher_is_shown_by_its_messages(rubric: Rubric) -> None:
     spec = next(spec for spec in rubric.checks() if spec.check == "topic_published")
     silent = Finding(Outcome.PARTIAL, Decimal("0.2"), is_silent=True)
     assert commands_of(spec, rubric, HANDED_IN, {}, silent) == ("ros2 topic echo /joint_commands",)
+
+
+def test_a_program_that_ended_is_run(rubric: Rubric) -> None:
+    """Its traceback is the fault, and the graph shows nothing of it."""
+    spec = next(spec for spec in rubric.checks() if spec.check == "topics_subscribed")
+    ended = Finding(Outcome.FAILED, Decimal(0), decided_by="explained")
+    commands = commands_of(spec, rubric, HANDED_IN, {}, ended)
+    assert commands == ("python3 joint_subscriber.py", "ros2 node info /joint_state_subscriber")
 
 
 def test_a_file_that_was_not_handed_in_has_no_command(rubric: Rubric) -> None:

@@ -176,8 +176,9 @@ ELSEWHERE = (
         (ELSEWHERE.format("robots"), "0.5"),
         (f"{ELSEWHERE.format('turtlesim')}\n    python3 <file>.py\n", "0.5"),
         (ELSEWHERE.format("turtlesim") + FILLED, "1"),
+        (f"{ELSEWHERE.format('my_pkg')}\nParts: talk.py, hear.py.\n", "0.5"),
     ],
-    ids=["other work", "package of the submission", "a placeholder", "this work too"],
+    ids=["other work", "own package", "a placeholder", "this work too", "parts alone"],
 )
 def test_commands_of_other_work_do_not_run_this_one(text: str, credit: str) -> None:
     """A README of another lab says nothing about this one, unless a command can be for it."""
@@ -187,6 +188,37 @@ def test_commands_of_other_work_do_not_run_this_one(text: str, credit: str) -> N
     finding = static("readme", {**README, "commands": commands}, record)
     assert finding.credit == Decimal(credit)
     assert ("run other work: ros2 run turtlesim" in finding.reason) == (credit == "0")
+
+
+PROMISES = f"{FILLED}\n{{}}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "credit", "absent"),
+    [
+        ("The motion is computed in arm_model.py.", "1", ""),
+        ("Start the demo with `python3 demo.py`.", "0.75", "demo.py (README.md, line "),
+        ("arm_model.py moves it; the plot is docs/plot.png.", "0.5", "docs/plot.png (README.md, "),
+        ("one_a.py, one_b.py, one_c.py and one_d.py do the rest.", "0", "one_a.py (README.md, "),
+        ("talk.py writes states.csv and log.csv.", "1", ""),
+        ("Source /opt/ros/jazzy/setup.sh and install/local_setup.sh.", "1", ""),
+        ("Colours by `python3 <file>.py`, see https://example.org/x.py and y/*.py.", "1", ""),
+    ],
+)
+def test_files_that_a_readme_promises_are_there(text: str, credit: str, absent: str) -> None:
+    """Two absent files, or one that a command starts, cost; the programs' own files come later."""
+    files = {
+        "README.md": PROMISES.format(text),
+        "talk.py": "open('states.csv')\nopen('log.csv')\n",
+        "hear.py": "",
+    }
+    commands = [*README["commands"], r"python3?\s+\S+"]
+    wanted = {**README, "commands": commands, "absent_costs": 0.25}
+    record = submission(files, talk="talk.py", hear="hear.py")
+    finding = static("readme", wanted, record)
+    assert finding.credit == Decimal(credit)
+    assert absent in finding.reason
+    assert static("readme", {**README, "commands": commands}, record).credit == 1
 
 
 def test_no_readme_fails() -> None:

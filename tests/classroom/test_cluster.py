@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import pickle
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,13 +23,16 @@ pytest.importorskip("distributed")
 sys.path.append(str(Path(__file__).parents[2]))
 
 from confine.isolation import Level
-from grader.classroom.cluster import Bundle, grade_bundle
-from grader.classroom.job import Job
+from grader.classroom.cluster import Bundle, grade_bundle, packed, same_installation
+from grader.classroom.cluster import Cluster as Network
+from grader.classroom.fingerprint import engine_sha256
+from grader.classroom.job import Ending, Job
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
+from grader.live.sandbox.course_ros import installation_at
 from grader.live.sandbox.probing import probe_isolation
 from grader.pipeline import Options
-from grader.submission.extraction import SubmissionSource
+from grader.submission.extraction import Intake, SubmissionSource
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, below, command_of, until
 
@@ -145,10 +150,14 @@ def require_same_when_judged_here(small: SmallClass) -> None:
 
 
 def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> None:
-    """With a worker killed in the midst of a session, all submissions have the points that they have here."""
+    """With a worker killed in the midst of a session, all submissions have the points that they have here.
+
+    The workers use a named installation of ROS, which they find in the same folder.
+    """
     small = make_class(tmp_path, {"ann": TALKER, "bob": ASTRAY, "cem": CRASHES})
     (small.submissions / "ann" / "link.py").symlink_to("/etc/passwd")
-    with small.start("--scheduler", str(cluster.address), "--seed", "7") as process:
+    there = ("--scheduler", str(cluster.address), "--seed", "7", "--ros", sys.prefix)
+    with small.start(*there) as process:
         worker = until(cluster.grading, 120)
         family = Family(worker.pid)
         family.look()
@@ -162,7 +171,8 @@ def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> No
     assert len(small.outcomes()) == 3
     assert any("link.py" in line for line in small.result("ann")["provenance"]["left_out"])
     require_same_when_judged_here(small)
-    status, output, _ = small.grade("--scheduler", str(cluster.address), "--seed", "7")
+    assert "students' ROS" in small.result("ann")["provenance"]["versions"]
+    status, output, _ = small.grade(*there)
     assert (status, "3 graded, 3 of them as before" in output) == (0, True)
 
 
@@ -215,6 +225,26 @@ def test_another_grader_is_refused() -> None:
     assert "Install the same version" in ending.remedy
 
 
+def test_another_installation_of_ros_is_refused() -> None:
+    """A worker with another version of rclpy, or with other packages, grades nothing."""
+    installation = installation_at(Path(sys.prefix))
+    contents = installation.contents()
+    assert same_installation(installation, contents) == installation
+    options = Options(installation.interpreter, ros=installation)
+    job = Job(
+        Intake(Path(), SubmissionSource.of(Path(__file__))),
+        Path("results"),
+        read_rubric(None),
+        options,
+    )
+    nothing = packed({})
+    sent = Bundle(engine_sha256(), job, nothing, nothing, False, ["7.0.0", *contents[1:]])
+    ending, _, results = grade_bundle(pickle.dumps(sent))
+    assert isinstance(ending, GraderError)
+    assert (ending.exit_status, results) == (5, b"")
+    assert "installation of ROS differs" in ending.problem
+
+
 def test_a_scheduler_that_is_not_there(tmp_path: Path) -> None:
     """An address where nobody answers, or that is none, ends with 5 and a remedy, and nothing is graded."""
     small = make_class(tmp_path, {"ann": TALKER})
@@ -224,3 +254,33 @@ def test_a_scheduler_that_is_not_there(tmp_path: Path) -> None:
         assert "the scheduler cannot be reached" in errors
         assert "Check --scheduler" in errors
     assert small.graded() == []
+
+
+def test_no_submission_waits_for_a_lost_scheduler(tmp_path: Path) -> None:
+    """Submissions that had waited for a worker end like those under way, with the same reason and remedy."""
+    from distributed import Client, Scheduler
+
+    connect: Any = Client
+    source = SubmissionSource.of(Path(__file__))
+    job = Job(source, tmp_path, read_rubric(None), Options(Path(sys.executable)))
+
+    async def graded_without_scheduler(threads: int) -> tuple[Ending, Level]:
+        async with Scheduler(dashboard=False, port=0, host="127.0.0.1") as scheduler:
+            client = await connect(scheduler.address, asynchronous=True, timeout=1)
+        waiting = Network(client, threads)
+        return await asyncio.wait_for(waiting.grade(job, lambda progress: None), 30)
+
+    for threads in (0, 1):
+        ending, level = asyncio.run(graded_without_scheduler(threads))
+        assert isinstance(ending, GraderError)
+        assert str(ending) == "the connection to the scheduler was lost"
+        assert "Start a scheduler again" in ending.remedy
+        assert level is Level.NONE
+
+
+def test_a_missing_file_of_a_scheduler_is_named(tmp_path: Path) -> None:
+    """A file that no scheduler has written yet ends with 5, and is not taken for an address."""
+    small = make_class(tmp_path, {"ann": TALKER})
+    status, _, errors = small.grade("--scheduler", "scheduler.json")
+    assert status == 5
+    assert "scheduler.json: there is no such file of a scheduler" in errors

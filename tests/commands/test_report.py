@@ -270,14 +270,14 @@ def test_a_resubmission_says_what_was_won_and_lost(
     earlier.write_text(before, encoding="utf-8")
     regraded(results / "solution")
     report = (results / "solution" / result_folder.REPORT_FILE).read_text(encoding="utf-8")
-    assert "Since your submission before" in report
+    assert "Changes since your previous submission" in report
     assert "→ 100 points" in report
     assert re.search(r'Won</b> [^\n]*<a href="#check-publisher\.\w+">[^<]+</a> \+\d', report)
     regraded(results / "solution")
     assert (results / "solution" / result_folder.REPORT_FILE).read_text(encoding="utf-8") == report
-    assert "Since your" not in (results / "wrong_topic" / result_folder.REPORT_FILE).read_text(
-        encoding="utf-8"
-    )
+    assert "since your previous" not in (
+        results / "wrong_topic" / result_folder.REPORT_FILE
+    ).read_text(encoding="utf-8")
     assert run(capsys, results)[0] == 0
     page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
     assert "1 submission has a result of before: 1 with more points now" in page

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -20,7 +21,11 @@ from confine.watched import Watched
 
 pytestmark = pytest.mark.live
 
-_WATCH = "from confine.cpu_watch import main; main()"
+_WATCH = """
+import socket, sys
+from confine.cpu_watch import main
+main(socket.socket(fileno=int(sys.argv[1])))
+"""
 #: Begins to compute in two threads, without the interpreter's lock, as soon as it may.
 _TWO_THREADS = """
 import hashlib, sys, threading
@@ -46,14 +51,12 @@ time.sleep(1)
 compute(0.001)
 """
 _CORE = min(os.sched_getaffinity(0))
-#: Names of processes that a watch said to have demoted.
-DEMOTED: list[str] = []
 
 
 @contextmanager
-def program(source: str, **more: Any) -> Iterator[subprocess.Popen[str]]:
+def program(source: str, *arguments: str, **more: Any) -> Iterator[subprocess.Popen[str]]:
     """Run a program until the end of the context."""
-    command = [sys.executable, "-c", source]
+    command = [sys.executable, "-c", source, *arguments]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more
     ) as process:
@@ -83,34 +86,61 @@ def threads_of(pid: int) -> list[int]:
     return [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
 
 
-def follow(
-    watch: subprocess.Popen[str], name: str, is_confined: bool, pid: int, core: int | None
-) -> None:
-    """Have a process watched; returns once it is."""
-    say(
-        watch,
-        json.dumps(
-            {"name": name, "is_confined": is_confined, "core": core, "threads": threads_of(pid)}
-        ),
-    )
-    calm_s(watch, time.time_ns())
+class Channel:
+    """A session's channel to a watch."""
+
+    def __init__(self, link: socket.socket) -> None:
+        self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        answers, writer = os.pipe()
+        with theirs:
+            socket.send_fds(link, [b"session"], [theirs.fileno(), writer])
+        os.close(writer)
+        self._answers = os.fdopen(answers)
+        #: Names of processes that the watch said to have demoted.
+        self.demoted: list[str] = []
+
+    def follow(self, name: str, is_confined: bool, core: int | None, pid: int | None) -> None:
+        """Have a process watched, or new threads of a known one; returns once it is."""
+        asked = {"name": name, "is_confined": is_confined, "core": core}
+        descriptors = [] if pid is None else [os.pidfd_open(pid)]
+        socket.send_fds(self._requests, [json.dumps(asked).encode()], descriptors)
+        for descriptor in descriptors:
+            os.close(descriptor)
+        self.calm_s(time.time_ns())
+
+    def calm_s(self, since_ns: int) -> float:
+        """Return for how long the watched were undisturbed since a time."""
+        self._requests.send(json.dumps({"calm_since": since_ns}).encode())
+        while isinstance(answer := json.loads(self._answers.readline()), str):
+            self.demoted.append(answer)
+        return float(answer)
+
+    def seen(self) -> dict[str, list[list[int]]]:
+        """Close the channel and return the recorded delays."""
+        self._requests.close()
+        with self._answers:
+            *demoted, last = map(json.loads, self._answers)
+        self.demoted += demoted
+        found: dict[str, list[list[int]]] = last
+        return found
 
 
-def calm_s(watch: subprocess.Popen[str], since_ns: int) -> float:
-    """Return for how long the watched were undisturbed since a time."""
-    say(watch, json.dumps({"calm_since": since_ns}))
-    assert watch.stdout is not None
-    while isinstance(answer := json.loads(watch.stdout.readline()), str):
-        DEMOTED.append(answer)
-    return float(answer)
+class Watch(NamedTuple):
+    """A running watch, and the link to it."""
+
+    process: subprocess.Popen[str]
+    link: socket.socket
 
 
-def seen(watch: subprocess.Popen[str]) -> dict[str, list[list[int]]]:
-    """End the watch and return the recorded delays."""
-    *demoted, last = map(json.loads, watch.communicate()[0].splitlines())
-    DEMOTED.extend(demoted)
-    found: dict[str, list[list[int]]] = last
-    return found
+@contextmanager
+def watching() -> Iterator[Watch]:
+    """Run a watch; without sessions, it ends with its link."""
+    link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with program(_WATCH, str(theirs.fileno()), pass_fds=(theirs.fileno(),)) as process:
+        theirs.close()
+        yield Watch(process, link)
+        link.close()
+        assert process.wait(10) == 0
 
 
 def counters(pid: int) -> tuple[float, float]:
@@ -141,13 +171,14 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
 
     Only the time used by other processes counts as machine delay.
     """
-    with program(_WATCH) as watch, program(_TWO_THREADS) as it, program(_TWO_THREADS) as other:
+    with watching() as watch, program(_TWO_THREADS) as it, program(_TWO_THREADS) as other:
         say(it, "")
         until(lambda: len(threads_of(it.pid)) == 2, 30)
         for process in (it, other):
             for thread in threads_of(process.pid):
                 os.sched_setaffinity(thread, {_CORE})
-        follow(watch, "it", True, it.pid, _CORE)
+        channel = Channel(watch.link)
+        channel.follow("it", True, _CORE, it.pid)
         time.sleep(0.1)
         start = Moment.of(it.pid)
         time.sleep(0.4)
@@ -155,7 +186,7 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
         say(other, "")
         time.sleep(0.6)
         end = Moment.of(it.pid)
-        delays = seen(watch)["it"]
+        delays = channel.seen()["it"]
     alone_s = sum(delay for at, _, delay in delays if start.t_ns < at < middle.t_ns) / 1e9
     both_s = sum(delay for at, _, delay in delays if start.t_ns < at < end.t_ns) / 1e9
     assert middle.waited_s - start.waited_s > 0.3
@@ -183,8 +214,8 @@ def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
         for process in (it, other):
             os.sched_setaffinity(process.pid, {_CORE})
         say(other, "")
-        watched = Watched(is_confined=True)
-        watched.open(threads_of(it.pid))
+        watched = Watched(is_confined=True, pids=[it.pid])
+        watched.find_threads()
         waited_ns = 0
         for sample in range(200):
             time.sleep(0.01)
@@ -199,17 +230,18 @@ def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
 
 def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
     """A process that does not run waits in no queue: that the watch itself did not wake up tells of it."""
-    with program(_WATCH) as watch, program("input()") as it:
-        follow(watch, "it", True, it.pid, _CORE)
+    with watching() as watch, program("input()") as it:
+        channel = Channel(watch.link)
+        channel.follow("it", True, _CORE, it.pid)
         time.sleep(0.3)
         start_ns = time.time_ns()
-        watch.send_signal(signal.SIGSTOP)
+        watch.process.send_signal(signal.SIGSTOP)
         time.sleep(0.15)
         end_ns = time.time_ns()
-        watch.send_signal(signal.SIGCONT)
+        watch.process.send_signal(signal.SIGCONT)
         time.sleep(0.1)
-        calm, asked_ns = calm_s(watch, start_ns), time.time_ns()
-        delays = seen(watch)["it"]
+        calm, asked_ns = channel.calm_s(start_ns), time.time_ns()
+        delays = channel.seen()["it"]
     # Waiting times from before the threads were followed (other work at the start) are one earlier
     # delay.
     stopped = [each for each in delays if each[2] > 100_000_000 and each[0] + each[1] > start_ns]
@@ -224,24 +256,46 @@ def test_a_runaway_does_not_go_before_all_others() -> None:
 
     Where real-time scheduling is permitted, the loss is reported once and the process goes on.
     """
-    DEMOTED.clear()
-    with program(_WATCH) as watch, program(_TWO_THREADS) as it:
+    with watching() as watch, program(_TWO_THREADS) as it:
         say(it, "")
         until(lambda: len(threads_of(it.pid)) == 2, 30)
-        follow(watch, "it", False, it.pid, None)
+        channel = Channel(watch.link)
+        channel.follow("it", False, None, it.pid)
         put_in_real_time([it.pid])
         deadline_s = time.monotonic() + 5
         while (
             any(os.sched_getscheduler(t) & os.SCHED_RR for t in threads_of(it.pid))
             and time.monotonic() < deadline_s
         ):
-            follow(
-                watch, "it", False, it.pid, None
-            )  # as a session does, for threads that came later
+            # As a session does, for threads that came later.
+            channel.follow("it", False, None, None)
             time.sleep(0.05)
         assert {os.sched_getscheduler(t) & ~os.SCHED_RESET_ON_FORK for t in threads_of(it.pid)} == {
             os.SCHED_OTHER
         }
         assert it.poll() is None
-        assert seen(watch)["it"] is not None
-    assert DEMOTED == ["it"]
+        assert channel.seen()["it"] is not None
+    assert channel.demoted == ["it"]
+
+
+def test_sessions_have_delays_of_their_own_processes_alone() -> None:
+    """A watch serves many sessions, also after the last of earlier ones has ended.
+
+    A process of another session that has the core is no part of one's own.
+    """
+    with watching() as watch, program(_TWO_THREADS) as it, program(_TWO_THREADS) as other:
+        for process in (it, other):
+            os.sched_setaffinity(process.pid, {_CORE})
+        first = Channel(watch.link)
+        first.follow("it", True, _CORE, it.pid)
+        assert first.seen().keys() == {"it"}
+        channels = {"it": Channel(watch.link), "other": Channel(watch.link)}
+        channels["it"].follow("it", True, _CORE, it.pid)
+        channels["other"].follow("other", True, _CORE, other.pid)
+        for process in (it, other):
+            say(process, "")
+        time.sleep(0.6)
+        found = {name: channel.seen() for name, channel in channels.items()}
+    for name, delays in found.items():
+        assert delays.keys() == {name}
+        assert sum(delay for _, _, delay in delays[name]) > 150_000_000

@@ -172,3 +172,5 @@ def test_a_teacher_is_told_how_to_install_a_missing_library() -> None:
     assert "instructor" not in text
     busy = "Not your fault: the grading computer was too busy to measure this (2.00 s of 6.0 s)."
     assert for_teachers(busy).startswith("The grading computer was too busy")
+    built = "talker is compiled by the package arm, which was not built: it lacks rclcpp."
+    assert for_teachers(f"{built} Your instructor decides.") == f"T{built[1:]}"

@@ -5,12 +5,14 @@ from __future__ import annotations
 import pytest
 
 from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.crash.diagnosis import explain
 from grader.evidence.source_causes import (
     appended_again,
     corrected,
     late_lambda,
     silent_cause,
 )
+from grader.recording.session import OutputLine
 
 HEAD = "import os, time\nimport rclpy\n"
 
@@ -90,6 +92,20 @@ def test_an_overwritten_attribute_is_the_cause_of_an_undeclared_parameter() -> N
     cause = corrected(found, {"a.py": text})
     assert (cause.kind, cause.line) == ("overwritten-attribute", 3)
     assert corrected(found, {"a.py": text.replace("_parameters", "_mine")}) is found
+
+
+def test_arguments_that_argparse_refuses_are_explained_at_its_call() -> None:
+    """The program's own line of usage names no line of the source."""
+    end = "mode.py: error: unrecognized arguments: --ros-args -r __node:=mode --params-file /p.yaml"
+    output = [OutputLine(1, "stderr", "usage: mode.py [-h]"), OutputLine(2, "stderr", end)]
+    found = explain(output, ["lab/mode.py"])
+    assert found is not None
+    text = "parser = ArgumentParser()\nfor _ in range(2):\n    given = parser.parse_args()\n"
+    cause = corrected(found, {"lab/mode.py": text})
+    assert (cause.kind, cause.file, cause.line) == ("ros-arguments", "lab/mode.py", 3)
+    assert "parse_known_args" in cause.remedy
+    own = [OutputLine(1, "stderr", "mode.py: error: unrecognized arguments: --rate")]
+    assert explain(own, ["lab/mode.py"]) is None
 
 
 ENDS = """

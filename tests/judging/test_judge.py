@@ -531,14 +531,14 @@ def test_kept_recordings_tell_nothing_of_the_machine() -> None:
 def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
     """The price of another topic name is the parameter of the check."""
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
-    cost = "other_name_costs: 0.85"
+    cost = "other_name_costs: 0.5"
     assert cost in text
     # The dearer consequence of another name, which would excuse this one.
     dearer = "{topic: /joint_commands, type: std_msgs/msg/Float64MultiArray, reliability"
     assert dearer in text
     text = text.replace(dearer, "{topic: /joint_commands, reliability")
     mine = tmp_path / "rubric.yaml"
-    for other, earned in ((cost, "0.4"), ("other_name_costs: 10%", "2.3")):
+    for other, earned in ((cost, "0.5"), ("other_name_costs: 10%", "0.9")):
         mine.write_text(text.replace(cost, other), encoding="utf-8")
         rubric = read_rubric(mine)
         recordings = open_recordings(KEPT / "wrong_topic", rubric)

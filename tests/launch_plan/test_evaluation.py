@@ -15,9 +15,10 @@ import pytest
 
 from launch_plan.__main__ import main
 from launch_plan.evaluation import evaluate
-from launch_plan.format import PROCESS_LIMIT
+from launch_plan.format import LEFT_OUT, PROCESS_LIMIT
 from launch_plan.plan import Plan
 from launch_plan.text import moment
+from tests.launch_plan.evaluations import make_package
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="launch files are for Linux")
 
@@ -167,3 +168,25 @@ def test_a_reader_of_plans_loads_neither_grader_nor_ros_nor_the_evaluation() -> 
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert done.stdout.split() == []
+
+
+def test_executables_that_were_left_out_are_not_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link in place of a missing program is found, and not named among the installed ones."""
+    prefix = make_package(tmp_path / "prefix", "arm", "talker")
+    (prefix / "lib/arm/listener").symlink_to(LEFT_OUT)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(prefix))
+    file = tmp_path / "one.launch.py"
+    text = """
+from launch import LaunchDescription
+from launch_ros.actions import Node
+def generate_launch_description():
+    return LaunchDescription([Node(package='arm', executable='NAME')])
+"""
+    file.write_text(text.replace("NAME", "listener"), encoding="utf-8")
+    assert evaluate(file).problem is None
+    file.write_text(text.replace("NAME", "listeners"), encoding="utf-8")
+    problem = evaluate(file).problem
+    assert problem is not None
+    assert problem.message.endswith("The package installs: talker")

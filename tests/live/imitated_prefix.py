@@ -30,7 +30,7 @@ _OF_SYSTEM = (
     "typing_extensions",
 )
 #: Folders of a prefix with files of the wheels.
-_FOLDERS = ("include", "lib", "share", "tools")
+_FOLDERS = ("bin", "include", "lib", "share", "tools")
 _SETUP = """\
 export ROS_DISTRO={distribution}
 export ROS_VERSION=2
@@ -57,6 +57,8 @@ def imitate(prefix: Path, environment: Path = Path(sys.prefix)) -> Path:
             path = origin.relative_to(environment.resolve())
             if path.parts[0] in _FOLDERS and origin.suffix != ".pth":
                 _link(origin, prefix / path)
+    # CMake's files of Fast DDS name it, as in a virtual environment.
+    (prefix / "lib64").symlink_to("lib")
     libraries = [prefix / "lib", *sorted((prefix / MODULES).glob("ros_*.libs"))]
     text = _SETUP.format(
         distribution="jazzy",
@@ -64,7 +66,6 @@ def imitate(prefix: Path, environment: Path = Path(sys.prefix)) -> Path:
         libraries=":".join(map(str, libraries)),
         modules=MODULES,
     )
-    (prefix / "bin").mkdir()
     (prefix / "setup.bash").write_text(text, encoding="utf-8")
     return prefix
 

@@ -61,7 +61,7 @@ def test_a_crash_is_explained_by_its_signal(tmp_path: Path) -> None:
     lost = {id_ for id_, check in checks.items() if check["outcome"] == "failed"}
     assert lost == {"talks.published", "talks.enable"}
     reason = checks["talks.published"]["reason"]
-    assert "ended by signal 11 (segmentation fault)" in reason
+    assert "ended by signal 11 (segmentation fault) in main() at talker.c:8" in reason
     assert "'reads the first value'" in reason
     assert checks["launches.node"]["outcome"] == "excused"
 

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 from tests.launch_plan.evaluations import ORIGINAL, needs_the_original
 from tests.live.imitated_prefix import add_launch, imitate, replace_library, system_python
 from tests.live.sample import ROOT, grade
-from tests.thorough import THOROUGH
+from tests.thorough import THOROUGH, part
 
 pytestmark = [
     pytest.mark.live,
@@ -24,7 +24,8 @@ pytestmark = [
 #: NumPy of ROS 2 Jazzy.
 NUMPY = "numpy==1.26.4"
 KILTED = ("ros-kilted-rclpy[fastrtps]", "ros-kilted-common-interfaces", "numpy", "scipy")
-only_in_thorough = pytest.mark.skipif(not THOROUGH, reason="THOROUGH=1 tries each installation")
+#: Evaluators of launch files: an installation's own, and the stand-in without one. Each commit tries one.
+LAUNCHES = (pytest.param("native", marks=needs_the_original), "stand-in")
 
 
 @pytest.fixture
@@ -53,15 +54,16 @@ def graded(prefix: Path, folder: Path) -> dict[str, Any]:
     return versions
 
 
-@needs_the_original
-def test_the_solution_loses_nothing_on_an_installation_with_the_real_launch(
-    prefix: Path, tmp_path: Path
+@pytest.mark.parametrize("launch", part(LAUNCHES, of=2))
+def test_the_solution_loses_nothing_on_an_installation(
+    launch: Any, prefix: Path, tmp_path: Path
 ) -> None:
-    """The system's Python, the modules of the prefix, its NumPy and its launch take part."""
-    add_launch(prefix, ORIGINAL)
+    """The system's Python, the modules of the prefix, its NumPy, and its launch or the stand-in take part."""
+    if launch == "native":
+        add_launch(prefix, ORIGINAL)
     with_numpy_of_jazzy(prefix)
     versions = graded(prefix, tmp_path)
-    assert versions["launch"] == "native"
+    assert versions["launch"] == launch
     assert versions["students' ROS"].endswith(f" in {prefix}")
 
 
@@ -78,14 +80,7 @@ def test_the_examination_accepts_an_installation(prefix: Path, tmp_path: Path) -
     assert 'grep -q "rclpy can be imported"' in dockerfile
 
 
-@only_in_thorough
-def test_the_solution_loses_nothing_with_numpy_of_jazzy(prefix: Path, tmp_path: Path) -> None:
-    """Without the real launch in the prefix, the stand-in evaluates launch files."""
-    with_numpy_of_jazzy(prefix)
-    assert graded(prefix, tmp_path)["launch"] == "stand-in"
-
-
-@only_in_thorough
+@pytest.mark.skipif(not THOROUGH, reason="`make course-ros` installs the wheels, for a minute")
 def test_the_solution_loses_nothing_on_kilted(tmp_path: Path) -> None:
     """Students' nodes with Fast DDS 3 talk to the grader's with Fast DDS 2."""
     kilted = tmp_path / "kilted"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from pathlib import PurePosixPath
 from typing import Any
 
 from grader.evidence.crash.causes import Diagnosis, cause_of, cause_of_line, table
@@ -19,13 +20,17 @@ from grader.evidence.crash.tracebacks import (
     student_frame,
     tracebacks,
 )
-from grader.recording.session import OutputLine, ProcessRun
+from grader.recording.session import OutputLine, ProcessRun, StackFrame
 
 _KILLED = (-9, 137)
 #: Exit statuses of a sandbox above this one name the signal that ended its program.
 _SIGNALLED = 128
 #: Characters of a line of output that are quoted.
 _LONGEST_QUOTE = 200
+#: Callers of a crashed function that are named.
+_MOST_CALLERS = 3
+#: Characters of a function's name that are quoted.
+_LONGEST_FUNCTION = 100
 #: Message of pybind11 about a signal's exception while it converts an argument.
 HIT_IN_A_CALL = "Unable to convert call argument"
 #: Causes of errors in a program that uses rclpy or a node after its shutdown.
@@ -125,11 +130,11 @@ def _can_follow_stop(exception: Raised) -> bool:
     return cause_of(exception, ()).kind in _AFTER_SHUTDOWN
 
 
-def ended_by_signal(run: ProcessRun) -> Diagnosis | None:
+def ended_by_signal(run: ProcessRun, root_files: Collection[str]) -> Diagnosis | None:
     """Return the diagnosis of a process that a signal of its own ended; None for another end.
 
     Such a signal ends compiled programs, and Python in a compiled module. The status of a program in a sandbox is 128
-    and the number of the signal.
+    and the number of the signal. Frames are known only of a compiled program.
     """
     if run.exit_status is None or run.limit is not None:
         return None
@@ -141,11 +146,37 @@ def ended_by_signal(run: ProcessRun) -> Diagnosis | None:
     if number not in table()["signals"]:
         return None
     name, remedy = table()["signals"][number]
-    problem = f"The program ended by signal {number} ({name})."
+    frames = _own_frames(run, root_files)
+    problem = f"The program ended by signal {number} ({name}){_place(frames)}."
     written = [line.text.strip() for line in plain_lines(run.output) if line.text.strip()]
     if written:
         problem += f" The last line of its output is {written[-1][:_LONGEST_QUOTE]!r}."
-    return Diagnosis("signal", problem, remedy, subject=name)
+    found = Diagnosis("signal", problem, remedy, subject=name)
+    if frames:
+        found = replace(found, file=frames[0].file, line=frames[0].line)
+    return found
+
+
+def _own_frames(run: ProcessRun, root_files: Collection[str]) -> list[StackFrame]:
+    """Return the frames of a crash in files of the submission."""
+    found = []
+    for frame in run.crash:
+        if frame.file in root_files:
+            found.append(frame)
+    return found
+
+
+def _place(frames: Sequence[StackFrame]) -> str:
+    """Return the frame of a crash and its callers in words, such as " in first() at talker.c:8, called by main() ..."."""
+    named = []
+    for frame in frames[: 1 + _MOST_CALLERS]:
+        function = frame.function[:_LONGEST_FUNCTION]
+        if "(" not in function:
+            function += "()"
+        named.append(f"{function} at {PurePosixPath(frame.file).name}:{frame.line}")
+    if not named:
+        return ""
+    return " in " + ", called by ".join(named)
 
 
 def ended_by_limit(run: ProcessRun) -> bool:

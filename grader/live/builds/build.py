@@ -46,7 +46,7 @@ _NOISE = re.compile(
     r"|.*(byte-compiling is disabled|doesn't contain any 'local_setup)|\s*$"
 )
 #: Build type with CMake and its package of ROS.
-_AMENT_CMAKE = "ament_cmake"
+AMENT_CMAKE = "ament_cmake"
 #: Commands of a build with CMake.
 _CMAKE_TOOLS = ("cmake", "make", "cc", "c++")
 #: Header of libssl-dev; the CMake files of Fast DDS need it.
@@ -116,8 +116,8 @@ def lacking_compiler(installation: Installation | None = None) -> str:
     missing = [tool for tool in _CMAKE_TOOLS if find_tool(tool) is None]
     if not _OPENSSL.is_file():
         missing.append("libssl-dev")
-    if not _for_builds(installation).has(_AMENT_CMAKE):
-        missing.append(_AMENT_CMAKE)
+    if not _for_builds(installation).has(AMENT_CMAKE):
+        missing.append(AMENT_CMAKE)
     return ", ".join(missing)
 
 
@@ -128,7 +128,7 @@ def _without_tool(submission: SubmissionRecord, ros: Installation) -> list[Packa
         return []
     missing = []
     for package in submission.packages:
-        if package.build_type == _AMENT_CMAKE and not _lacks_script(package, submission):
+        if package.build_type == AMENT_CMAKE and not _lacks_script(package, submission):
             missing.append(package)
     return missing
 

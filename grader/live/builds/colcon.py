@@ -59,6 +59,8 @@ _NOT_NEEDED = (
     "colcon_core.event_handler.log_command",
     "colcon_test_result.verb",
 )
+#: Option of compilers that keeps functions and lines in programs, for the explanation of a crash.
+_LINES = "-g1"
 #: Runs colcon with its output in a file, whose size the sandbox limits.
 _SHELL = 'out=$1; shift; exec "$@" >"$out" 2>&1'
 _PROGRAM = "import sys; from colcon_core.command import main; sys.exit(main(argv=sys.argv[1:]))"
@@ -116,6 +118,8 @@ def run_colcon(isolation: Isolation, room: StudentRoom, time_s: float, ros: Inst
         "TMPDIR": seen[TEMPORARY],
         "COLCON_EXTENSION_BLOCKLIST": ":".join(_NOT_NEEDED),
         "PYTHONDONTWRITEBYTECODE": "1",
+        "CFLAGS": _LINES,
+        "CXXFLAGS": _LINES,
         "ROS_DISTRO": ros.distribution.lower(),
         "ROS_VERSION": "2",
     }

@@ -84,8 +84,8 @@ class RunningProcess:
         self._sandbox_pid: int | None = None
         #: Thread id -> CPU time and delay in ns; threads that have ended stay.
         self._usage: dict[int, tuple[int, int]] = {}
-        #: Ids of its threads at the last sample.
-        self.threads: list[int] = []
+        #: Ids of its processes at the last sample.
+        self.pids: list[int] = []
         self._kept = self._written = 0
         self._room = room
         self._said = asyncio.Event()
@@ -326,7 +326,7 @@ class RunningProcess:
         for pid in pids:
             now.update(_scheduling_of(pid))
         self._usage.update(now)
-        self.threads = list(now)
+        self.pids = pids
         if not self._usage:  # The process ended before the first sample.
             return
         # Children that came and went between two samples are in the times of the processes that waited for them.

@@ -116,12 +116,16 @@ class Installation:
 
     def facts(self) -> list[object]:
         """Return the facts on which outcomes depend, in plain types: versions, paths, packages, times of its folders."""
-        found: list[object] = [str(self.interpreter), self.rclpy, sorted(self.paths.items())]
-        found += self.packages()
+        found: list[object] = [str(self.interpreter), sorted(self.paths.items())]
+        found += self.contents()
         for prefix in self.prefixes:
             for folder in _DATED:
                 found.append(_changed_ns(Path(prefix, folder)))
         return found
+
+    def contents(self) -> list[str]:
+        """Return rclpy's version and the names of its packages: the same for one installation on several machines."""
+        return [self.rclpy, *self.packages()]
 
     def packages(self) -> list[str]:
         """Return the names of its packages."""

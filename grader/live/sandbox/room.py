@@ -19,10 +19,11 @@ INSIDE = "/inside"
 LAUNCHING = "/launching"
 PARAMETERS = "/parameters"
 INTERFACES = "/interfaces"
+CRASHES = "/crashes"
 
 _AREAS = {WORKSPACE: "ws", HOME: "home", TEMPORARY: "tmp", SHARED_MEMORY: "shm"}
 #: Folders into which the grader writes for a session's programs.
-_WRITTEN = {PARAMETERS: "parameters", INTERFACES: "interfaces"}
+_WRITTEN = {PARAMETERS: "parameters", INTERFACES: "interfaces", CRASHES: "crashes"}
 #: Folders of a checkout that belong to an interpreter, if the checkout is a virtual environment too.
 _OF_ENVIRONMENTS = ("bin", "lib", "lib64", "include", "share")
 

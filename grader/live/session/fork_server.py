@@ -2,7 +2,8 @@
 
 The server has an environment made from nothing, starts no thread and nothing of ROS, and serves one
 grading; the server of a class branches, so that each grading has its own, and ends it. Each
-sandbox's first process then forks its director and reference nodes in the same way.
+sandbox's first process then forks its director and reference nodes in the same way. One more fork is the CPU watch of
+all sessions.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from confine.namespaces import (
     name_process,
 )
 from confine.priority import put_self_first
-from grader.live.process.forked import Program
+from grader.live.process.cpu_watch import watching_program
+from grader.live.process.forked import Program, become
 from grader.live.process.forking import ForkingServer, serve
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.session.plan import SessionPlan
@@ -139,16 +141,45 @@ def _program_of(request: bytes) -> Program:
         gc.enable()
     if not name:
         return Program("fork server", _serve_branch, trusted_environment(Path("/"), 0))
+    watch = _link_to_watch()
     return Program(
-        "sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0)
+        "sandbox",
+        partial(_run_in_sandbox, form, plan, watch),
+        trusted_environment(plan.parent, 0),
+        kept=(watch.fileno(),),
     )
 
 
 #: The form of sandboxes with all modules loaded.
 _loaded: list[Form] = []
+#: Process id of this server's CPU watch, and the link to it.
+_watches: list[tuple[int, socket.socket]] = []
 
 
-def _run_in_sandbox(form: Form, file: Path) -> None:
+def _link_to_watch() -> socket.socket:
+    """Return the link to the CPU watch of all sessions, which is started with the first of them."""
+    if not _watches:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        server = os.getpid()
+        watch = os.fork()
+        if watch == 0:
+            null = os.open(os.devnull, os.O_RDWR)
+            become(watching_program(theirs), server, (null, null, null))
+        theirs.close()
+        _watches.append((watch, ours))
+    return _watches[0][1]
+
+
+def _end_watch() -> None:
+    """End the CPU watch, and wait for it, so that its CPU time counts as this server's."""
+    for watch, link in _watches:
+        link.close()
+        with suppress(ChildProcessError):
+            os.waitpid(watch, 0)
+    _watches.clear()
+
+
+def _run_in_sandbox(form: Form, file: Path, watch: socket.socket) -> None:
     from grader.live.session.session import run
 
     plan: SessionPlan = pickle.loads(
@@ -156,7 +187,7 @@ def _run_in_sandbox(form: Form, file: Path) -> None:
     )  # the grader's own, in a folder that nobody else may enter
     enter_sandbox(form)
     name_process("session")
-    run(plan)
+    run(plan, watch)
 
 
 def _serve_branch() -> None:
@@ -165,6 +196,7 @@ def _serve_branch() -> None:
     with socket.socket(fileno=os.dup(1)) as link:
         os.dup2(0, 1)
         serve(link, _program_of)
+        _end_watch()
 
 
 def main() -> None:
@@ -178,6 +210,7 @@ def main() -> None:
         importlib.import_module(module)
     with socket.socket(fileno=int(sys.argv[1])) as link:
         serve(link, _program_of)
+        _end_watch()
     os._exit(0)  # Skips the cleanup of a process with ROS, which takes 26 ms.
 
 

@@ -33,11 +33,11 @@ from grader.live.sandbox.room import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.session.launch_edits import edit
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.session import OutputLine, ProcessRun
-from grader.submission.artifacts import MAX_TEXT_BYTES
 from grader.submission.beneath import is_regular_beneath
+from grader.submission.file_names import MAX_TEXT_BYTES
 from launch_plan.assumed import left_out, without_assumed_parameters
 from launch_plan.exchange import MOST_ANSWER_BYTES, Ending, Request, command, plan_of_answer
-from launch_plan.format import PARAMETERS_PLACEHOLDER
+from launch_plan.format import LEFT_OUT, PARAMETERS_PLACEHOLDER, is_left_out
 from launch_plan.plan import Plan, Problem, Process, ros2_run
 
 #: Path of one of the plan's own files in an evaluation.
@@ -202,8 +202,7 @@ class LaunchRunner:
         if meant is not None:
             shutil.copy(meant, target)
             return f"'{wanted}' was taken for '{meant.name}'"
-        target.write_text("#!/bin/sh\nexit 1\n", encoding="utf-8")
-        target.chmod(0o755)
+        target.symlink_to(LEFT_OUT)
         return f"'{wanted}' was left out"
 
     def _put_package(self, wanted: str) -> str:
@@ -282,7 +281,13 @@ class LaunchRunner:
         for artifact, source in plan.sources.items():
             if Path(source).stem == wanted.removesuffix(".py") and artifact in plan.programs:
                 return plan.staged / plan.programs[artifact].path
-        meant = _meant(wanted, (path.name for path in folder.iterdir() if path.suffix != ".py"))
+        names = []
+        for path in folder.iterdir():
+            if is_left_out(path):
+                continue
+            if path.suffix != ".py":
+                names.append(path.name)
+        meant = _meant(wanted, names)
         return folder / meant if meant is not None else None
 
     async def _evaluate(

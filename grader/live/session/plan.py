@@ -21,7 +21,7 @@ class SessionPlan:
     removes `scratch`. For each artifact there are the program below `staged`, and the source's path relative to
     `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
     `expected` are the names of topics, services and nodes that the rubric uses. In the folder `interfaces` are the
-    prefixes of packages that were built.
+    prefixes of packages that were built. `crash_library` names the frames of a compiled program that crashes.
     """
 
     record: SessionRecord
@@ -40,3 +40,4 @@ class SessionPlan:
     timeout_s: float
     native: NativeLaunch | None = None
     interfaces: Path | None = None
+    crash_library: Path | None = None

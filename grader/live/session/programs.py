@@ -66,14 +66,14 @@ class Programs:
         Links that go on beside the steps.
     """
 
-    def __init__(self, plan: SessionPlan) -> None:
+    def __init__(self, plan: SessionPlan, watch: CpuWatch) -> None:
         self.plan = plan
         self.record = plan.record
         self.sandbox = StudentSandbox(plan)
         self.processes = self.sandbox.processes
         self.director: DirectorClient | None = None
         self.launch = LaunchRunner(self.sandbox)
-        self.watch = CpuWatch()
+        self.watch = watch
         self.step: Step | None = None
         self.links: list[asyncio.Task[ProcessRun]] = []
         self._linked: list[RunningProcess] = []
@@ -87,8 +87,7 @@ class Programs:
         trusted.mkdir()
         self.sandbox.prepare()
         await self._start_director()
-        environment = trusted_environment(trusted, self.plan.domain_id)
-        self.sandbox.trusted.append(await self.watch.start(environment))
+        await self.watch.start()
 
     def _environment(self) -> dict[str, str]:
         """Return the environment of the grader's own ROS nodes."""

@@ -20,6 +20,8 @@ from confine.isolation import Isolation, free_slot
 from confine.scratch import remove_tree, scratch_prefix
 from grader.errors import PlatformError, ProcessLostError
 from grader.lab.rubric import Rubric, SessionSpec
+from grader.live.builds.build import AMENT_CMAKE
+from grader.live.builds.crash_library import crash_library
 from grader.live.process.waiting import side_by_side, within
 from grader.live.sandbox.environment import NativeLaunch
 from grader.live.sandbox.installation import Installation
@@ -167,6 +169,7 @@ class SessionRunner:
             scratch=scratch,
             staged=self.staged.resolve(),
             interfaces=self.interfaces,
+            crash_library=self._crash_library(),
             programs=self.programs,
             sources={a.name: a.path for a in self.submission.artifacts if a.path is not None},
             reference={
@@ -181,6 +184,13 @@ class SessionRunner:
             timeout_s=spec.timeout_s,
             native=self.native,
         )
+
+    def _crash_library(self) -> Path | None:
+        """Return the library for crashes of compiled programs; None without a package that compiles some."""
+        for package in self.submission.packages:
+            if package.build_type == AMENT_CMAKE:
+                return crash_library()
+        return None
 
     async def _run_sandbox(
         self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]

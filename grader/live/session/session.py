@@ -9,12 +9,14 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+import socket
 import time
 from contextlib import suppress
 from dataclasses import replace
 
 from confine.priority import put_self_first
 from grader.errors import without_temporary_names
+from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.machine_sample import sample_machine
 from grader.live.process.waiting import within
 from grader.live.session.plan import SessionPlan
@@ -32,10 +34,10 @@ _SAMPLED_SHARE = 0.7
 class Session:
     """One session under way; the actions of `grader.live.session.steps` do its steps."""
 
-    def __init__(self, plan: SessionPlan) -> None:
+    def __init__(self, plan: SessionPlan, watch: CpuWatch) -> None:
         self._plan = plan
         self._record = plan.record
-        self._programs = Programs(plan)
+        self._programs = Programs(plan, watch)
 
     async def run(self) -> None:
         """Run the session and leave its record, whatever happens."""
@@ -122,7 +124,7 @@ class Session:
         write_session(self._plan.folder, self._record)
 
 
-def run(plan: SessionPlan) -> None:
-    """Run a session; this process must be the first of its sandbox."""
+def run(plan: SessionPlan, link: socket.socket) -> None:
+    """Run a session with a link to the CPU watch; this process must be the first of its sandbox."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    asyncio.run(Session(plan).run())
+    asyncio.run(Session(plan, CpuWatch(link)).run())

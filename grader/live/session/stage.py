@@ -65,6 +65,22 @@ _MOST_FOLDERS = 100
 #: Most bytes and entries beside the sources: data files once for each package, and programs.
 _MOST_INSTALLED_BYTES, _MOST_INSTALLED = 64 * 1024 * 1024, 8_000
 
+#: Refusal of bytes that are not UTF-8, unless a coding line declares them, as Python refuses them in a program.
+#: runpy misses such bytes in comments.
+_REFUSE_OTHER_ENCODINGS = """\
+with open(source, "rb") as program:
+    lines = program.readlines()
+declares = any(b"coding" in line for line in lines[:2])
+for number, line in enumerate(lines, 1):
+    try:
+        line.decode()
+    except UnicodeDecodeError as problem:
+        if declares:
+            break
+        start = f"Non-UTF-8 code starting with '\\\\x{line[problem.start]:02x}'"
+        place = (source, number, None, None)
+        raise SyntaxError(f"{start} on line {number}, but no encoding declared", place) from None
+"""
 _RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
 _RUN_FILE_FUNCTION = """\
 import operator
@@ -314,10 +330,11 @@ class _Installation:
         root = self._package_root(file)
         module = ".".join(file.relative_to(root).with_suffix("").parts)
         if root == file.parent or file.suffix != ".py":
-            root, run = (
-                file.parent,
-                _RUN_FILE if function is None else _RUN_FILE_FUNCTION.format(function=function),
-            )
+            root = file.parent
+            call = _RUN_FILE
+            if function is not None:
+                call = _RUN_FILE_FUNCTION.format(function=function)
+            run = _REFUSE_OTHER_ENCODINGS + call
         else:
             run = (
                 _RUN_MODULE.format(module=module)

@@ -27,6 +27,7 @@ from grader.live.process.guard import Guard
 from grader.live.process.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.sandbox.environment import student_environment, with_prefixes
 from grader.live.sandbox.room import (
+    CRASHES,
     HOME,
     INSIDE,
     INTERFACES,
@@ -37,6 +38,7 @@ from grader.live.sandbox.room import (
 from grader.live.session.plan import SessionPlan
 from grader.live.session.stack_watch import StackWatch
 from grader.live.student_tap.claims import claims_in
+from grader.live.student_tap.crashes import LIBRARY, crash_variables, frames_in
 from grader.recording.session import Claim, ProcessRun
 from grader.submission.beneath import copy_tree, restore_way
 
@@ -122,6 +124,10 @@ class StudentSandbox:
             self._room.make(self.plan.scratch)
         for prefix in self._prefixes:
             shutil.copytree(prefix, self.interfaces / prefix.name)
+        if self.plan.crash_library is not None:
+            library = self._room.tools[CRASHES] / LIBRARY
+            shutil.copyfile(self.plan.crash_library, library)
+            library.chmod(0o644)  # whatever the umask is
         if self._group is not None:
             self._group.make()
         self.copy_workspace(self.plan.staged, self.workspace)
@@ -164,7 +170,8 @@ class StudentSandbox:
         tap_read, tap_write = os.pipe()
         # Another account runs the program; its children open the pipe by their parent's folder in /proc.
         os.fchmod(tap_write, _WRITABLE)
-        variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
+        own = {"GRADER_TAP_FD": str(tap_write), **self._crash_variables()}
+        variables = self.environment({**own, **(environment or {})})
         try:
             running = await self.start_confined(run, variables, cwd, pass_fds=(tap_write,))
         except BaseException:
@@ -177,6 +184,12 @@ class StudentSandbox:
         )
         self.processes[run.name] = running
         return running
+
+    def _crash_variables(self) -> dict[str, str]:
+        """Return the variables that load the library for crashes; it does nothing in programs of the system."""
+        if self.plan.crash_library is None:
+            return {}
+        return crash_variables(self.seen[CRASHES], f"{self.seen[WORKSPACE]}/install")
 
     async def start_confined(
         self,
@@ -233,6 +246,7 @@ class StudentSandbox:
     def _note_claims(self, run: ProcessRun, text: str) -> None:
         if run.artifact is not None and not text.startswith('{"kind": "started"'):
             self.note_unstarted(run, f"{run.name} could not be started")
+        run.crash = frames_in(text, self._above)
         claims = self._claims_in(run.name, text)
         self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
 

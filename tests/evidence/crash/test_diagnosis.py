@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import advisories, ended_by_signal, explain
-from grader.recording.session import OutputLine, ProcessRun
+from grader.recording.session import OutputLine, ProcessRun, StackFrame
 from tests.thorough import part
 
 NODE_PROPERTIES = (
@@ -778,10 +778,28 @@ def test_a_signal_of_its_own_ends_a_program(status: int | None, words: str) -> N
     run = ProcessRun(
         "it", "student", [], exited_ns=5, exit_status=status, output=lines("a\nreads\n")
     )
-    found = ended_by_signal(run)
+    found = ended_by_signal(run, ())
     assert bool(found) == bool(words)
     if found is not None:
         assert words in found.problem
+
+
+def test_a_crash_is_named_by_the_students_frames() -> None:
+    """Frames of headers are left out; the innermost of the student's own is the location."""
+    crash = [
+        StackFrame(
+            "/usr/include/c++/12/bits/stl_vector.h", 1152, "std::vector<int>::at(unsigned long)"
+        ),
+        StackFrame("arm/src/talker.cpp", 12, "Talker::on_timer()"),
+        StackFrame("/opt/ros/jazzy/include/rclcpp/timer.hpp", 30, "call()"),
+        StackFrame("arm/src/talker.cpp", 31, "main"),
+    ]
+    run = ProcessRun("it", "student", [], exited_ns=5, exit_status=139, crash=crash)
+    found = ended_by_signal(run, ["arm/src/talker.cpp"])
+    assert found is not None
+    assert (found.file, found.line) == ("arm/src/talker.cpp", 12)
+    words = "(segmentation fault) in Talker::on_timer() at talker.cpp:12, called by main() at talker.cpp:31."
+    assert words in found.problem
 
 
 @pytest.mark.parametrize(
@@ -790,4 +808,4 @@ def test_a_signal_of_its_own_ends_a_program(status: int | None, words: str) -> N
 def test_a_signal_after_an_interrupt_or_a_limit_explains_nothing(change: dict[str, Any]) -> None:
     """A crash while a program is stopped, or beyond a limit, has another cause."""
     run = ProcessRun("it", "student", [], exited_ns=5, exit_status=139, **change)
-    assert ended_by_signal(run) is None
+    assert ended_by_signal(run, ()) is None

@@ -13,10 +13,12 @@ from typing import NamedTuple
 
 import pytest
 
+from grader.evidence.crash.diagnosis import explain
 from grader.judging.rubrics import read_rubric
 from grader.live.session.built import note_installed
 from grader.live.session.program import StudentProgram
 from grader.live.session.stage import stage
+from grader.recording.session import OutputLine
 from grader.recording.submission import ArtifactFact, BuildFact, FileFact, SubmissionRecord
 from grader.submission.artifacts import decode_text
 from grader.submission.packages.colcon import find_packages
@@ -81,6 +83,23 @@ def test_a_bare_file_runs_as_the_main_program(tmp_path: Path, content: str) -> N
     """Executable bits, line ends and byte order marks make no difference."""
     workspace = staged(tmp_path, {"joint_publisher.py": content}, publisher="joint_publisher.py")
     assert run(wrapper(workspace), "a", "b") == "hello __main__ ['a', 'b']"
+
+
+@pytest.mark.parametrize("text", [SAYS.format("hello"), "def main():\n    print('hello')\n"])
+def test_a_file_in_another_encoding_is_refused_as_python_refuses_it(
+    tmp_path: Path, text: str
+) -> None:
+    """Bad bytes in a comment end the program, unless a coding line declares their encoding."""
+    latin = f"\n# Größe\n{text}".encode("latin-1")
+    name = "joint_publisher.py"
+    bad = staged(tmp_path / "bad", {name: latin}, publisher=name)
+    ended = subprocess.run([wrapper(bad)], capture_output=True, text=True, check=False)
+    said = [OutputLine(0, "stderr", line) for line in ended.stderr.splitlines()]
+    diagnosis = explain(said, [name])
+    assert diagnosis is not None
+    assert (diagnosis.kind, diagnosis.file, diagnosis.line) == ("encoding", name, 2)
+    good = staged(tmp_path / "good", {name: b"# coding: latin-1" + latin}, publisher=name)
+    assert run(wrapper(good)).startswith("hello")
 
 
 def test_bare_files_are_executables_of_the_labs_package(tmp_path: Path) -> None:

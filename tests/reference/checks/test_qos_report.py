@@ -56,6 +56,23 @@ def test_a_row_of_sides_that_cannot_connect_shows_nothing(tmp_path: Path) -> Non
     assert "so nothing was measured. The two sides of /test_fast are incompatible" in finding.reason
 
 
+@pytest.mark.parametrize(("least", "credit"), [(0.5, "0.5"), (0.75, "0")])
+def test_a_table_with_too_few_rows_that_can_have_messages_compares_nothing(
+    tmp_path: Path, least: float, credit: str
+) -> None:
+    """A true row beside a row without messages is half of a table, or none, as the rubric says."""
+    session = Session(tmp_path).process("it", [row(), row(0, name="slow")])
+    times = evenly(100, 9.99)
+    for topic, offered in ((TOPIC, "reliable"), ("/test_slow", "best_effort")):
+        session.endpoint("publisher", topic, qos=replace(RELIABLE, reliability=offered))
+        session.endpoint("subscription", topic)
+        session.messages(topic, [[0.0]] * len(times), times, latency_s=0.001)
+    rows = [*REPORTED["rows"], {"name": "slow", "topic": "/test_slow"}]
+    finding = judged(REPORTED_TRAFFIC, {**REPORTED, "rows": rows, "least_matched": least}, session)
+    assert finding.credit == Decimal(credit)
+    assert ("for 1 of 2 rows" in finding.reason) == (credit == "0")
+
+
 LAMBDA = "for name in names:\n    create_subscription(T, name, lambda m: on({}, m), 10)\n"
 
 
@@ -148,6 +165,29 @@ def test_a_table_of_impossible_latencies_misleads(
     assert finding.credit == Decimal(credit)
     is_named = "The value is right in µs; divide it by 1000 for ms." in finding.reason
     assert is_named == (max(means_ms) == 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("means_ms", "credit"),
+    [((1.25, 1.25, 1.25), "0.25"), ((1.25, 1.25, 1.26), "1"), ((0.01, 0.01, 0.01), "1")],
+)
+def test_rows_with_one_latency_are_of_one_list(
+    tmp_path: Path, means_ms: tuple[float, float, float], credit: str
+) -> None:
+    """A list of latencies that all callbacks share prints the same numbers in each row; short ones may be equal."""
+    names = ("fast", "slow", "late")
+    lines = [row(1000, mean, 3 * mean, name) for name, mean in zip(names, means_ms, strict=True)]
+    session = Session(tmp_path).process("it", lines)
+    times = evenly(100, 9.99)
+    latency_s = means_ms[0] / 1000
+    rows = []
+    for name, topic in zip(names, (TOPIC, "/test_slow", "/test_late"), strict=True):
+        session.endpoint("publisher", topic).endpoint("subscription", topic)
+        session.messages(topic, [[0.0]] * len(times), times, latency_s=latency_s)
+        rows.append({"name": name, "topic": topic})
+    finding = judged(REPORTED_TRAFFIC, {**REPORTED, "rows": rows}, session)
+    assert finding.credit == Decimal(credit)
+    assert ("so these are not their own" in finding.reason) == (credit == "0.25")
 
 
 def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:

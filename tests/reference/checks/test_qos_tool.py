@@ -268,6 +268,24 @@ def test_a_profile_whose_sides_cannot_connect_compares_nothing(
     assert judged(QOS_PROFILES, wanted, session).credit == Decimal(credit)
 
 
+@pytest.mark.parametrize(("least", "credit"), [(0.5, "0.5"), (0.75, "0")])
+def test_too_few_profiles_that_carry_messages_compare_nothing(
+    tmp_path: Path, least: float, credit: str
+) -> None:
+    """With half of the profiles dead, the other half earns its credit only if the rubric says so."""
+    session = Session(tmp_path)
+    for topic, offered in ((TOPIC, RELIABLE), ("/test_slow", BEST_EFFORT)):
+        session.endpoint("publisher", topic, qos=offered).endpoint("subscription", topic)
+        for kind in ("publisher", "subscription"):
+            session.claim(kind, topic, qos=CLAIM)
+    first: Any = PROFILES["profiles"][0]
+    profiles = [first, {**first, "topic": "/test_slow"}]
+    wanted = {**PROFILES, "profiles": profiles, "unmatched_credit": 0, "least_matched": least}
+    finding = judged(QOS_PROFILES, wanted, session)
+    assert finding.credit == Decimal(credit)
+    assert ("on 1 of 2 topics" in finding.reason) == (credit == "0")
+
+
 def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
     """A topic that is not there has no profile."""
     assert profiled(tmp_path, RELIABLE, kinds=()).outcome is Outcome.FAILED

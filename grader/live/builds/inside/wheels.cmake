@@ -1,5 +1,5 @@
 # Read in each project of a build: makes CMake's files of the ROS wheels usable on another machine than the one that
-# made them. They name headers of its Python and a library of its system, which programs in C do not need. Libraries of
+# made them. They name headers of its Python and libraries of its system, which students' programs do not need. Libraries of
 # the wheels use functions of Python that are never called in such a program, and two objects that must have an address.
 function(_grader_leave_out_paths)
   get_property(targets DIRECTORY PROPERTY IMPORTED_TARGETS)
@@ -7,7 +7,7 @@ function(_grader_leave_out_paths)
     foreach(property INTERFACE_INCLUDE_DIRECTORIES INTERFACE_LINK_LIBRARIES)
       get_target_property(values ${target} ${property})
       if(values)
-        list(FILTER values EXCLUDE REGEX "^/(opt/python|usr/lib64)/")
+        list(FILTER values EXCLUDE REGEX "^(/(opt/python|usr/lib64)/|lttng-ust)")
         set_property(TARGET ${target} PROPERTY ${property} "${values}")
       endif()
     endforeach()
