@@ -21,6 +21,8 @@ def test_a_broken_package_is_explained(case: Case, tmp_path: Path) -> None:
     record.builds = kept_builds()[case.kind]
     for build in record.builds:
         assert not why_not_built(build)
+        if build.outcome == "failed":
+            assert case.says in build.output
     wanted = {"executables": ["talker"], "files": ["launch/*.py"]}
     finding = judged("package_builds", wanted, None, record)
     if not case.report:
