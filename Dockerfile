@@ -49,6 +49,6 @@ FROM slim AS full
 USER root
 COPY --from=build /opt/include /opt/venv/include
 RUN apt-get update \
- && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends cmake g++ gcc git libc6-dev libssl-dev make python3-dev \
+ && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends cmake g++ gcc libc6-dev libssl-dev make python3-dev \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
 USER grader
