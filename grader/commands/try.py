@@ -12,6 +12,7 @@ from rich.console import Console
 
 from confine.priority import going_first
 from grader.commands.arguments import as_sentence, parser_of, print_note, require_unused
+from grader.errors import GraderError
 from grader.lab.shipped_labs import sample_submission
 
 _WORDS = "write a sample submission into this folder, and grade it"
@@ -42,8 +43,13 @@ def run(arguments: Sequence[str], console: Console) -> int:
     shutil.copytree(source, sample, ignore=shutil.ignore_patterns("__pycache__"))
     print_note(console, f"A sample submission with some faults: {sample}", "")
     grade = importlib.import_module("grader.commands.grade")
-    with going_first():
-        status = int(grade.run([str(sample), "-o", str(folder / _RESULTS)], console))
+    try:
+        with going_first():
+            status = int(grade.run([str(sample), "-o", str(folder / _RESULTS)], console))
+    except GraderError:
+        # The same command works again once the cause is removed.
+        shutil.rmtree(sample)
+        raise
     if status == 0:
         results = folder / _RESULTS / source.name
         print_note(
