@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.submissions import SOLUTION
@@ -79,6 +79,14 @@ def _line(process: Process, known: Mapping[int, Process]) -> list[Process]:
     return line
 
 
+def with_command(process: Process, seen: Mapping[int, Process]) -> Process:
+    """Return a process with the command of its last look; one that has ended shows none."""
+    if process.command:
+        return process
+    before = seen.get(process.pid, process)
+    return replace(process, command=before.command)
+
+
 def kind_of(process: Process, known: Mapping[int, Process]) -> str:
     """Return the kind of a process of a grading."""
     line = _line(process, known)
@@ -133,7 +141,7 @@ def graded(results: Path) -> dict[str, float]:
             present = {process.pid: process for process in _present()}
             for process in present.values():
                 if present.get(running.pid) in _line(process, present):
-                    seen[process.pid] = process
+                    seen[process.pid] = with_command(process, seen)
             time.sleep(_PERIOD_S)
         _, status, used = os.wait4(running.pid, 0)
         running.returncode = os.waitstatus_to_exitcode(status)

@@ -146,3 +146,6 @@ def test_a_missing_extra_is_named(grade: Path, tmp_path: Path) -> None:
     assert (no_arm.returncode, f"{PACKAGE}[mujoco]" in no_arm.stderr) == (5, True)
     no_cluster = run(grade, "ann", "--scheduler", "tcp://127.0.0.1:9", cwd=tmp_path)
     assert (no_cluster.returncode, f"{PACKAGE}[cluster]" in no_cluster.stderr) == (5, True)
+    tried = run(grade, "try", "first", cwd=tmp_path)
+    assert (tried.returncode, f"{PACKAGE}[mujoco]" in tried.stderr) == (5, True)
+    assert not (tmp_path / "first").exists()

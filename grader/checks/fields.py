@@ -340,7 +340,7 @@ def field_range(context: Context, p: FieldRange) -> Finding:
     at_s, span = moment(context, p.topic, worst_ns)
     reason = f"At {at_s:.2f} s {excesses.described(p, worst)}."
     if count - good > 1:
-        reason += f" So it is in {count - good} messages."
+        reason += f" It is outside of the limits in {count - good} messages."
     where = context.location(p.topic, span)
     if good == count:
         where = context.location(p.topic, p.span(context))

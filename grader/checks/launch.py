@@ -472,6 +472,10 @@ class WantedNode(Parameters):
     artifact: ref.Artifact
     executable: ref.GivenName
     charged_by: ref.EarlierCheckId
+    types_charged_by: ref.EarlierCheckId | None = Field(
+        None,
+        description="In rubrics of earlier versions: a check that charges parameters declared with a wrong type.",
+    )
     hears_charged_by: ref.EarlierCheckId | None = Field(
         None,
         description="Check that charges what another node sends it; an exception by that is no second fault.",
@@ -743,6 +747,7 @@ def _chargers(context: Context, entry: Process, wanted: WantedNode) -> list[str 
         return by
     ended_alone = any(map(any, ends_alone.values()))
     if found.kind == "parameter-type":
+        by.append(wanted.types_charged_by)
         return by
     if end is not None and not ended_alone:
         by.append(wanted.hears_charged_by)

@@ -6,7 +6,7 @@ All answers are answers to the grader's own client calls.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -14,6 +14,7 @@ from pydantic import Field
 from grader.checks.base import (
     Context,
     Part,
+    credit_of,
     failed,
     graded,
     not_reached,
@@ -42,6 +43,10 @@ class ServiceOffered(OfEndpoint):
     artifact: ref.Artifact
     service: ref.RosName
     type: ref.ServiceType
+    rest: Share = Field(
+        1.0,
+        description="Share that the checks which depend on this one earn if no client of the lab finds the service.",
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the service."""
@@ -61,11 +66,15 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     wanted = (p.service, p.type)
     found = (offer.name, offer.type)
     costs = p.faults("service", wanted, found, [offer.node])
+    is_unknown = bool(costs)
     costs += p.node_faults([offer.node])
     measured = f"{offer.name} of type {offer.type}, from {offer.node}"
     source = claimed_at(claim_of(context, "service", p.service))
     where = (*source, context.location())
-    return of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
+    finding = of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
+    if is_unknown and p.rest < 1:
+        return replace(finding, passes_on=credit_of(p.rest))
+    return finding
 
 
 def _offers(context: Context, service: str) -> list[ServiceEndpoint]:
@@ -120,6 +129,10 @@ class CallAnswered(Parameters):
     )
     again: ref.CallLabel | None = Field(
         None, description="A later step with the same request, which must get the same answer."
+    )
+    again_charged_by: ref.EarlierCheckId | None = Field(
+        None,
+        description="In rubrics of earlier versions: a check that charges later answers and contrary messages too.",
     )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(
@@ -322,11 +335,11 @@ def _judge_state(context: Context, answered: _Answered, p: CallAnswered) -> Find
     finding = _contrary(answered, p, later)
     if finding is not None:
         # Each report of the opposite misleads by itself.
-        return finding
+        return context.charge(finding, None, [p.again_charged_by])
     finding = _changed(answered, p, later)
     if finding is not None:
         cause = f"later answers of {_service_of(_step_that_counts(context, p))}"
-        return context.charge(finding, cause)
+        return context.charge(finding, cause, [p.again_charged_by])
     return None
 
 
@@ -366,9 +379,10 @@ def _wrong_fields(answered: _Answered, p: CallAnswered) -> Finding | None:
     """State which fields of an answer have other values; None if all are right."""
     wrong = []
     for name, value in p.response.items():
-        got = answered.response.get(name)
-        if got != value:
-            wrong.append(f"{name} is {got!r}, not {value!r}")
+        if name not in answered.response:
+            wrong.append(f"there is no field {name}")
+        elif answered.response[name] != value:
+            wrong.append(f"{name} is {answered.response[name]!r}, not {value!r}")
     if not wrong:
         return None
     reason = f"In the answer, {' and '.join(wrong)}."

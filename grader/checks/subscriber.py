@@ -11,6 +11,7 @@ from pydantic import Field
 from grader.checks.base import (
     Context,
     Part,
+    credit_of,
     cut_off,
     excused,
     failed,
@@ -61,6 +62,14 @@ class TopicsSubscribed(OfEndpoint):
     reliability: ref.Reliability | None = Field(
         None, description="What the lab lets them request; another one is only noted."
     )
+    rest: Share = Field(
+        1.0,
+        description="Share that the checks which depend on this one earn of a node that hears nothing as it is.",
+    )
+    launched_in: ref.SessionId | None = Field(
+        None,
+        description="Session of the launch file; if it gives the node the right topics, the rest earns all.",
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the subscriptions."""
@@ -85,7 +94,21 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     finding = of_parts(expected, parts, costs=p.node_faults(nodes), where=(context.location(),))
     if any(unheard(context, wanted.topic) for wanted in p.topics):
         return cut_off(finding)
+    if least < 1 and p.rest < 1 and not _right_as_launched(context, p):
+        return replace(finding, passes_on=credit_of(p.rest))
     return finding
+
+
+def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
+    """Tell whether the launch file, by its remappings, gives a node subscriptions on all wanted topics."""
+    launched = context.sessions.get(p.launched_in or "")
+    if launched is None:
+        return False
+    for wanted in p.topics:
+        found = launched.endpoints_on(wanted.topic, "subscription", context.reference_nodes)
+        if not any(each.topic == wanted.topic and each.type == wanted.type for each in found):
+            return False
+    return True
 
 
 def _judge_subscription(

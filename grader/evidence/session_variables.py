@@ -9,12 +9,15 @@ import ast
 import re
 from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from grader.evidence.recorded import Recorded
 from grader.evidence.text.syntax import code_of, normalise, tree_of
 from grader.recording.session import SESSION_VARIABLE, ProcessRun
-from grader.recording.submission import SubmissionRecord
 from launch_plan.plan import MalformedPlanError, Plan, Process
+
+if TYPE_CHECKING:
+    from grader.evidence.recorded import Recorded
+    from grader.recording.submission import SubmissionRecord
 
 DOMAIN = "ROS_DOMAIN_ID"
 #: First characters of the names: ROS domain and discovery, security, RMW, and settings of DDS and Zenoh.

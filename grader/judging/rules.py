@@ -32,16 +32,17 @@ from grader.evidence.gaps import (
 from grader.evidence.recorded import Recorded
 from grader.evidence.session_variables import Asked, asked_in, leave_domain
 from grader.judging.invalidated import Referents, not_measurable, referents, without_rest
-from grader.lab.patterns import NOTE, patterns_bounded
+from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.session import RecordingGap
-from grader.result import Finding, Location, Outcome, Violation
+from grader.result import FOR_A_PERSON, Finding, Location, Outcome, Violation
 
 #: Reason of a session that judging leaves out.
 TOO_LARGE = (
     "The session was recorded, but judging it takes more time or memory than the grader allows (limit: judging). "
     "A person has to decide."
 )
+_NOT_READ = f"{FOR_A_PERSON} comparing the text with the rubric's patterns took too long, so the rest was not read."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +179,7 @@ def measure(case: Case) -> Finding:
         error = Finding(Outcome.ERROR, Decimal(0), reason=reason)
         return replace(error, decided_by=check_measured.__name__)
     if budget.exceeded:
-        return replace(finding, notes=(*finding.notes, f"'{case.spec.title}': {NOTE}"))
+        return replace(finding, notes=(*finding.notes, f"'{case.spec.title}': {_NOT_READ}"))
     return finding
 
 
@@ -343,7 +344,7 @@ def repaired(case: Case) -> Finding | None:
     earlier = case.context.findings[id_]
     share = earlier.passes_on or Decimal(1)
     title = case.context.titles[id_]
-    reason = f"Judged on a copy that was repaired, as '{title}' says; {1 - float(share):.0%} are lost by that."
+    reason = f"Judged as if '{title}' were right; {1 - float(share):.0%} are lost by that."
     return replace(
         finding,
         outcome=Outcome.PARTIAL,

@@ -15,13 +15,11 @@ from grader.lab.rubric import FINGERPRINTS_ENDING, ArtifactSpec, Rubric
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
-from grader.submission.file_names import TEXT_SUFFIXES, displayed
+from grader.submission.file_names import MAX_TEXT_BYTES, TEXT_SUFFIXES, displayed
 from grader.submission.packages.colcon import find_packages
 from grader.submission.packages.compiled import compiled_programs
 from grader.submission.submission_time import set_submission_time
 
-#: Largest text that is read.
-MAX_TEXT_BYTES = 512 * 1024
 #: Byte order marks of UTF-16; editors of Windows call this encoding "Unicode".
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _NOTEBOOK = ".ipynb"

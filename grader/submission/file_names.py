@@ -47,6 +47,8 @@ TEXT_SUFFIXES = frozenset(
     | {".msg", ".srv", ".action"}
     | C_SUFFIXES
 )
+#: Largest text that is read.
+MAX_TEXT_BYTES = 512 * 1024
 _COMPILED = re.compile(r"\.(py[cod]|so(\.\d+)*|dll|dylib|o|a|lib|exe|class|wasm)$", re.IGNORECASE)
 #: `alice.tar.gz` is called `alice`.
 _PACKED = re.compile(

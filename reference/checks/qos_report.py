@@ -212,7 +212,8 @@ def _with_shared_latency(
         return list(parts)
     if mean_s is None or most_s is None or most_s < _LEAST_SHARED_S:
         return list(parts)
-    reason = f"All rows print the same latencies, {mean_s * 1e3:.2f} ms and at most {most_s * 1e3:.2f} ms, so these are not their own."
+    latencies = f"{mean_s * 1e3:.2f} ms and at most {most_s * 1e3:.2f} ms"
+    reason = f"All rows print the same latencies, {latencies}, so these are not their own."
     hint = "Keep a list of latencies for each profile."
     shared = []
     for part in parts:

@@ -180,6 +180,16 @@ class ReportShare(BaseModel):
     )
 
 
+class Outdated(BaseModel):
+    """Known mistake of a node that compares the first messages after each change with an older value."""
+
+    meaning: str
+    least: int = Field(
+        5, description="Number of wrong reports at the start of each span but the first."
+    )
+    credit: float = Field(ge=0, le=1)
+
+
 class ReportedSeries(Streams):
     """Numbers that a node reports agree with an oracle's value on each span of time, and come for each message."""
 
@@ -190,6 +200,7 @@ class ReportedSeries(Streams):
     )
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
+    outdated: Outdated | None = None
     least_reached: Share | None = Field(
         None,
         description="A node that ends early is judged by the spans that it reached, and by this share of all at least.",
@@ -232,6 +243,25 @@ class _Plateau:
         hundredth = 0.01 * abs(self.right)
         slack = max(p.tolerance, hundredth, rounding * 1.01)
         return abs(self.value - self.right) <= slack
+
+    def wrong_at_start(
+        self, heard: Sequence[Report], earlier: Sequence[_Plateau], p: ReportedSeries
+    ) -> int:
+        """Count the wrong reports from the span's start to its first right one.
+
+        Late reports of an earlier plateau do not count.
+        """
+        start_ns = self.start_ns - int(p.settle_s * 1e9)
+        count = 0
+        for report in heard:
+            if not start_ns <= report.t_ns <= self.end_ns:
+                continue
+            alone = replace(self, reports=(report,))
+            if alone.is_right(p):
+                break
+            if not alone.has_value_of(earlier, p):
+                count += 1
+        return count
 
     def has_value_of(self, earlier: Sequence[_Plateau], p: ReportedSeries) -> bool:
         """Tell whether the value would be right on one of some earlier plateaus."""
@@ -381,14 +411,32 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
     where = (context.output_location(p.artifact), context.location(topic))
     measured = f"right in {series.right} of {count} phases ({len(heard)} reports)"
     if series.right == count:
-        return passed(expected, measured, where=where)
-    first_wrong = series.fits.index(False)
-    example = _wrong(context, plateaus[first_wrong])
+        right = passed(expected, measured, where=where)
+        return _less_if_outdated(p, series, heard, right)
+    example = _wrong(context, plateaus[series.fits.index(False)])
     wrong = failed(expected, measured, example, where=where)
     mistake = _mistake(context, p, heard, count)
     if mistake is not None:
         return mistake.explains(context, p.artifact, wrong, series.right / count)
     return _judge_plateaus(context, p, series, wrong)
+
+
+def _less_if_outdated(
+    p: ReportedSeries, series: _Series, heard: Sequence[Report], right: Finding
+) -> Finding:
+    """Grade right plateaus lower if each one but the first begins with wrong reports."""
+    if p.outdated is None:
+        return right
+    counts = []
+    for number, plateau in enumerate(series.plateaus[1:], 1):
+        earlier = series.plateaus[:number]
+        counts.append(plateau.wrong_at_start(heard, earlier, p))
+    fewest = min(counts, default=0)
+    if fewest < p.outdated.least:
+        return right
+    measured = f"{right.measured}; the first {fewest} or more reports of each later phase are wrong"
+    reason = f"Your numbers match {p.outdated.meaning}."
+    return _regraded(replace(right, measured=measured), p.outdated.credit, reason)
 
 
 def _no_report(context: Context, p: ReportedSeries, expected: str) -> Finding:
@@ -556,6 +604,12 @@ class Shorter(BaseModel):
     credit: float = Field(
         0.5, ge=0, le=1, description="Credit of a node that prints nothing there."
     )
+    unfilled_credit: float | None = Field(
+        None,
+        ge=0,
+        le=1,
+        description="Credit of an RMS that counts the entries of a history which is not full yet as zeros.",
+    )
 
 
 class ReportedStatistics(Streams):
@@ -596,14 +650,24 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     if printed is None:
         return _nothing_printed(p, run, expected)
     finding = _judge_vector(context, p, streams, printed)
-    if p.shorter is None:
+    if p.shorter is None or finding.outcome is not Outcome.PASSED:
         return finding
-    if finding.outcome is not Outcome.PASSED:
-        return finding
-    reason = _silent_when_shorter(context, p, p.shorter)
-    if not reason:
-        return finding
-    return _regraded(finding, p.shorter.credit, reason)
+    return _judge_shorter(context, p, p.shorter, finding)
+
+
+def _judge_shorter(
+    context: Context, p: ReportedStatistics, shorter: Shorter, right: Finding
+) -> Finding:
+    """Judge right numbers by what the node prints after fewer messages, too."""
+    if shorter.credit < 1:
+        reason = _silent_when_shorter(context, p, shorter)
+        if reason:
+            return _regraded(right, shorter.credit, reason)
+    if shorter.unfilled_credit is not None:
+        reason = _unfilled_when_shorter(context, p, shorter)
+        if reason:
+            return _regraded(right, shorter.unfilled_credit, reason)
+    return right
 
 
 def _printed(p: ReportedStatistics, run: Run | None) -> PrintedVector | None:
@@ -664,7 +728,8 @@ def _judge_vector(
     count = len(printed.values)
     if count != p.length:
         reason = f"{count} numbers are printed, not one for each of {p.length}. {reason}"
-        return failed(vector.expected, vector.measured, reason)
+        few = failed(vector.expected, vector.measured, reason)
+        return context.charge(few, f"{p.artifact}: {count} numbers")
     heard, comparable = _heard_of_some(context, p, streams)
     fits = False
     if heard:
@@ -771,22 +836,63 @@ def _of_reported_only(
     )
 
 
+#: Relative difference up to which an RMS is that of a history with empty entries, and the ratio of the two from which
+#: the history is too full to tell.
+_SAME_RMS = 0.04
+_NEARLY_FULL = 0.9
+
+
+def _unfilled_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
+    """Say that the printed RMS counts empty entries of the history after a run with fewer messages; empty if not.
+
+    The mean square of the reports is that of the printed numbers. With empty entries the latter is smaller by the
+    share of the history that is filled.
+    """
+    for run, values in _shorter_runs(context, p, shorter):
+        printed = _printed(p, run)
+        if printed is None or len(printed.values) != p.length:
+            continue
+        filled = len(values) / p.parameters["history"]
+        right = _root_mean_square(values)
+        diluted = right * math.sqrt(filled)
+        own = _root_mean_square(printed.values)
+        if math.isclose(own, diluted, rel_tol=_SAME_RMS) and own < _NEARLY_FULL * right:
+            stopped = f"In the session '{shorter.session}' it was stopped after {len(values)} reports"
+            compared = f"they have an RMS of {right:.4f} over all joints, the printed numbers one of {own:.4f}"
+            return f"{stopped}; {compared}: empty entries of the history are counted as zeros."
+    return ""
+
+
+def _root_mean_square(values: Sequence[float]) -> float:
+    squares = [value * value for value in values]
+    return math.sqrt(sum(squares) / len(squares))
+
+
+def _shorter_runs(
+    context: Context, p: ReportedStatistics, shorter: Shorter
+) -> list[tuple[Run, list[float]]]:
+    """Return the interrupted processes of the other session with as few reports as are wanted, and their values."""
+    other = context.in_session(shorter.session)
+    if other is None:
+        return []
+    found = []
+    for run in other.runs():
+        values = [report.value for report in run.reports(p.report_pattern)]
+        if not shorter.least <= len(values) <= shorter.most:
+            continue
+        if _was_interrupted(run):
+            found.append((run, values))
+    return found
+
+
 def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
     """Say that the node printed no numbers after a run with fewer messages.
 
     Empty if it printed them, or if the run does not tell.
     """
-    other = context.in_session(shorter.session)
-    if other is None:
-        return ""
-    for run in other.runs():
-        count = len(run.reports(p.report_pattern))
-        if not shorter.least <= count <= shorter.most:
-            continue
-        if not _was_interrupted(run):
-            continue
+    for run, values in _shorter_runs(context, p, shorter):
         if _printed(p, run) is None and not _quotes_interrupt(run):
-            stopped = f"In the session '{shorter.session}' it was stopped after {count} reports"
+            stopped = f"In the session '{shorter.session}' it was stopped after {len(values)} reports"
             missing = f"printed no '{p.label}: [...]'"
             return f"{stopped}, and {missing}; {shorter.least} are enough."
     return ""

@@ -55,9 +55,23 @@ class CallGated(BaseModel):
     allowed_step: CallLabel | None = Field(
         None, description="A call that must be answered as ever while the parameter is off."
     )
+    enabled_step: CallLabel | None = Field(
+        None,
+        description="The refused call again, while the parameter is off after the recovered call had its effect.",
+    )
+    enabled_credit: Share = Field(
+        0.5, description="Credit where that call is not refused, and the first one is."
+    )
+    stopped_credit: Share = Field(
+        0.5, description="Credit of refusing from the start, of a node that stopped answering."
+    )
     enables: EarlierCheckId | None = Field(
         None,
         description="Check of the answer in the normal case; if that one fails, this is not tested.",
+    )
+    allowed_charged_by: EarlierCheckId | None = Field(
+        None,
+        description="In rubrics of earlier versions: a check that charges another answer to the allowed call.",
     )
     refused: Annotated[Mapping[str, Any], fields_of_type("_Response", "refused_step")]
     recovered: Annotated[Mapping[str, Any], fields_of_type("_Response", "recovered_step")]
@@ -204,7 +218,7 @@ def _no_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
         return context.unanswered(p.refused_step, gate.expected, problem)
     share = 0.0
     if _fits(gate.off_from_start, p.refused):
-        share = p.half_credit
+        share = p.stopped_credit
     reason = "Not tested, because the node had already stopped answering."
     return gate.graded(share, reason, "Fix that, and these points can be earned too.")
 
@@ -224,9 +238,24 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
         cause = _parameter_cause(context.step(p.set_step))
         return context.charge(found, cause)
     if _fits(gate.on, p.recovered):
+        again = _not_refused_again(context, p)
+        if again is not None:
+            where = (*gate.where, _calls_at(context, p.enabled_step))
+            reason = f"{_ONCE_ON} {_shown(again)}."
+            return replace(gate, where=where).graded(p.enabled_credit, reason, _ONCE_ON_HINT)
         return _judge_name(context, p, gate)
     reason = "It refuses, but does not recover when the parameter is true again."
     return gate.graded(p.half_credit, reason)
+
+
+def _not_refused_again(context: Context, p: CallGated) -> Answer:
+    """Return the answer to the later call if it grants what must be refused; None if not, or without a call."""
+    if p.enabled_step is None:
+        return None
+    answer = _answer_to(context, p.enabled_step)
+    if _fits(answer, p.recovered):
+        return answer
+    return None
 
 
 def _answer_cause(context: Context, label: str | None) -> str | None:
@@ -315,8 +344,10 @@ def _parameter_cause(step: Step | None) -> str | None:
 
 
 def _disallowed(context: Context, p: CallGated) -> Answer:
-    """Return another answer to the call that must stay possible; None if it is right."""
+    """Return another answer to the call that must stay possible; None if it is right or charged."""
     if p.allowed_step is None:
+        return None
+    if context.charged(p.allowed_charged_by):
         return None
     step = context.step(p.allowed_step)
     if not _was_sent(step):
@@ -399,6 +430,8 @@ _DISALLOWS = "While the parameter is false it refuses what must always be possib
 _DISALLOWS_HINT = (
     "Let the parameter decide over enabling alone; to disable must always be possible."
 )
+_ONCE_ON = "It refuses at first. Once enabled, it answers the same request while the parameter is false again with"
+_ONCE_ON_HINT = "Read the parameter first, whatever the present state is."
 _REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
 _SET_HINT = "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
 _TYPE_HINT = "Declare the parameter with a default of the type that the lab gives it, and use this type in the callback."

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
-from bench.processes import Process, by_kind, read_process, table_rows
+from bench.processes import Process, by_kind, read_process, table_rows, with_command
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 _SERVER = "python3 -I -m grader.live.session.fork_server 5"
@@ -42,6 +43,14 @@ def test_each_process_has_its_kind() -> None:
         "link": 0.5,
         "too short to be seen": 0.5,
     }
+
+
+def test_an_ended_process_keeps_its_command() -> None:
+    """Until its parent has asked for its end, the kernel shows it without a command."""
+    server = _SEEN[3]
+    ended = replace(server, command="", cpu_s=0.75)
+    assert with_command(ended, {4: server}) == replace(server, cpu_s=0.75)
+    assert with_command(ended, {}) == ended
 
 
 def test_a_name_may_hold_brackets() -> None:

@@ -20,7 +20,7 @@ from tests.thorough import part
 
 pytestmark = pytest.mark.browser
 
-PAGES = ("index", "first-lab", "policy", "figures")
+PAGES = ("index", "first-lab", "policy", "figures", "lab-go-to-goal")
 #: Pages at a desk in light colours, and on a phone in dark ones; every run examines one.
 STATES = [*product(PAGES, [(DESK, False)]), *product(reversed(PAGES), [(PHONE, True)])]
 

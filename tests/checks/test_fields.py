@@ -45,7 +45,10 @@ def test_the_worst_message_is_shown_with_its_time(tmp_path: Path) -> None:
     """Credit is the share of messages; the farthest beyond is the reason, and where."""
     finding = in_range(tmp_path, [0.1] * 8 + [0.6, 0.9])
     assert finding.credit == Decimal("0.8")
-    assert finding.reason == "At 1.90 s linear.x is 0.900, above 0.5. So it is in 2 messages."
+    assert (
+        finding.reason
+        == "At 1.90 s linear.x is 0.900, above 0.5. It is outside of the limits in 2 messages."
+    )
     assert finding.where[0].start_s == pytest.approx(1.9)
 
 

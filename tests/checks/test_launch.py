@@ -405,6 +405,18 @@ def test_a_node_that_is_not_started_costs_its_part(tmp_path: Path) -> None:
     assert "starts listen as /listener" in finding.reason
 
 
+def test_a_node_that_other_arguments_leave_out_costs_a_share(tmp_path: Path) -> None:
+    """The node runs with the default arguments alone."""
+    wanted = {**NODES, "other_step": "other", "optional_costs": 0.4}
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    finding = judged("launch_nodes", wanted, planned(session, "other", processes=BOTH[:1]))
+    assert finding.credit == Decimal("0.6")
+    assert finding.reason == "With other arguments the file does not start /listener."
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    whole = judged("launch_nodes", wanted, planned(session, "other", processes=BOTH))
+    assert whole.outcome is Outcome.PASSED
+
+
 def test_a_node_under_another_name_costs_half_its_part(tmp_path: Path) -> None:
     """The name that the launch file gives is told, with its line."""
     other = [BOTH[0], entry("listen", "hearer", file="it.py", line=20)]
@@ -540,6 +552,21 @@ def test_a_parameter_of_another_type_shows_both_places(tmp_path: Path) -> None:
     finding = nodes(session.node("/listener"))
     assert [str(where) for where in finding.where] == ["launch.py:4", "it.py:9"]
     assert "quotation marks" in finding.hint
+
+
+@pytest.mark.parametrize(("charged", "credit"), [(FAILED, "1"), (passed("", ""), "0.5")])
+def test_rubrics_of_earlier_versions_name_a_check_for_wrong_types(
+    tmp_path: Path, charged: Finding, credit: str
+) -> None:
+    """A wrong type is not charged to the launch file if the named check took points."""
+    wanted = {
+        "step": "plan",
+        "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]],
+    }
+    session = planned(Session(tmp_path), processes=BOTH)
+    session.process("talk-1", artifact=None, **died_of("BOOL", "STRING", "True"))
+    finding = judged("launch_nodes", wanted, session.node("/listener"), findings={"types": charged})
+    assert finding.credit == Decimal(credit)
 
 
 def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
@@ -682,6 +709,16 @@ def test_a_parameter_left_out_for_its_argument_is_not_charged_again(tmp_path: Pa
             plan = {"schema": SCHEMA, "outcome": "ok", "processes": [entry("talk", "talker")]}
             session.step("plan", label, plan=plan, mended=[], left_out={"talk-1": names})
         assert judged("launch_parameters", PARAMETERS, session).credit == Decimal(credit)
+
+
+def test_a_parameter_weighs_as_the_rubric_says(tmp_path: Path) -> None:
+    """One of weight 3 beside one of weight 1 is three quarters."""
+    first = {**PARAMETERS["parameters"][0], "weight": 3}
+    second = {**PARAMETERS["parameters"][0], "name": "gain", "value": 1.0, "other": 1.0}
+    talk = entry("talk", "talker", parameters=[{"name": "gain", "value": 1.0}])
+    session = planned(planned(Session(tmp_path), processes=[talk]), "other", processes=[talk])
+    finding = judged("launch_parameters", {**PARAMETERS, "parameters": [first, second]}, session)
+    assert finding.credit == Decimal("0.25")
 
 
 def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path) -> None:

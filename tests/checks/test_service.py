@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from grader.result import Outcome
+from grader.result import Finding, Outcome
 from tests.synthetic import Session, at, judged, submission
 
 NAME, SET_BOOL = "/robot/enable", "std_srvs/srv/SetBool"
@@ -143,6 +143,14 @@ def test_an_answer_is_judged_by_its_values(
     assert bool(finding.notes) == (response["message"] == "Bonjour")
 
 
+def test_an_answer_of_another_type_has_no_such_field(tmp_path: Path) -> None:
+    """A field that the type lacks is named as missing, not as a value."""
+    finding = judged(
+        "call_answered", ANSWERED, called(Session(tmp_path), "enable", call({"ok": 1}))
+    )
+    assert finding.reason == "In the answer, there is no field success."
+
+
 AGAIN = {**ANSWERED, "again": "many", "contrary": r"(?i)\bdisabled\b"}
 
 
@@ -175,6 +183,15 @@ def test_a_contrary_message_misleads_at_each_request(tmp_path: Path) -> None:
     session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
     finding = judged("call_answered", AGAIN, session)
     assert (finding.outcome, finding.causes) == (Outcome.FAILED, ())
+
+
+def test_rubrics_of_earlier_versions_name_a_check_for_contrary_messages(tmp_path: Path) -> None:
+    """The named check charges messages of the opposite at a later request too."""
+    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
+    first = Finding(Outcome.PARTIAL, Decimal("0.75"))
+    given = {**AGAIN, "again_charged_by": "first"}
+    finding = judged("call_answered", given, session, findings={"first": first})
+    assert finding.outcome is Outcome.EXCUSED
 
 
 @pytest.mark.parametrize(("default", "credit"), [(False, "1"), (True, "0"), ("false", "0")])

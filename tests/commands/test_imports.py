@@ -20,11 +20,23 @@ NOT_FOR_REGRADING = {
     "dateparser", "dulwich", "distributed", "rich.progress", "grader.cohort.statistics", "statistics",
     "rosbags.typesys.stores.ros2_jazzy", "rosbags.highlevel", "lz4", "jsonschema",
 }  # fmt: skip
+#: Modules of the judging half. Each grading starts a process that imports a session.
+NOT_FOR_SESSIONS = {
+    "grader.lab.rubric", "grader.result", "grader.evidence.recorded", "grader.submission.artifacts", "grader.checks",
+    "rclpy",
+}  # fmt: skip
+#: Forms for other systems; few gradings write one.
+FORMS = {f"grader.report.exports.{name}" for name in ("junit", "gradebooks", "feedback", "mail")}
 
 
 def loaded_by(*arguments: str) -> set[str]:
     """Return the modules that a command and its forks load."""
-    command = [sys.executable, "-X", "importtime", "-m", "grader.cli", *arguments]
+    return loaded("-m", "grader.cli", *arguments)
+
+
+def loaded(*arguments: str) -> set[str]:
+    """Return the modules that Python loads with some arguments."""
+    command = [sys.executable, "-X", "importtime", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert ended.returncode == 0, ended.stderr
     lines = [line for line in ended.stderr.splitlines() if line.startswith("import time:")]
@@ -43,3 +55,13 @@ def results(tmp_path: Path) -> Path:
 def test_regrading_loads_only_modules_that_it_needs(results: Path) -> None:
     """Judging a submission again needs neither the live half nor a class."""
     assert not loaded_by("regrade", str(results)) & NOT_FOR_REGRADING
+
+
+def test_a_session_loads_nothing_of_judging() -> None:
+    """One constant from a module of the judging half would load all imports of the module."""
+    assert not loaded("-c", "import grader.live.session.session") & NOT_FOR_SESSIONS
+
+
+def test_grading_loads_forms_when_it_writes_them() -> None:
+    """The names of forms are known without their modules."""
+    assert not loaded("-m", "grader.cli", "--help") & FORMS

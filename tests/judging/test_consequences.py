@@ -85,7 +85,7 @@ def test_a_check_of_a_repaired_file_says_what_the_repair_costs(rubric: Rubric) -
     found = next(check for check in result.checks if check.id == "launch.arguments")
     title = "The launch file loads as handed in"
     assert found.reason == (
-        f"Judged on a copy that was repaired, as '{title}' says; 25% are lost by that."
+        f"Judged as if '{title}' were right; 25% are lost by that."
     )
 
 

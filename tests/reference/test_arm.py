@@ -76,7 +76,7 @@ def test_a_drawing_is_the_marker_serialized(topic: str) -> None:
 
 
 def test_a_clock_is_the_message_serialized() -> None:
-    """rclpy serializes a time to the same bytes."""
+    """The same bytes come from rclpy's serialization of a time."""
     serialization = pytest.importorskip("rclpy.serialization")
     from builtin_interfaces.msg import Time
     from rosgraph_msgs.msg import Clock

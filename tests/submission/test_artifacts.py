@@ -18,6 +18,7 @@ from grader.recording.submission import SubmissionRecord
 from grader.submission import artifacts as module
 from grader.submission.artifacts import decode_text, read_submission, read_submission_folder
 from grader.submission.extraction import Intake, SubmissionSource, open_submission
+from grader.submission.file_names import MAX_TEXT_BYTES
 
 SOLUTION = Path(__file__).resolve().parents[2] / "reference/solution"
 FILES = {
@@ -155,7 +156,7 @@ def test_text_that_is_no_utf8_is_read() -> None:
 def test_binary_and_long_files_have_no_text(folder: Path, rubric: Rubric) -> None:
     """A file with zero bytes, and a text that nobody has written, are kept as facts, not as texts."""
     (folder / "joint_publisher.py").write_bytes(b"\0\1\2")
-    (folder / "long.md").write_text("x" * (module.MAX_TEXT_BYTES + 1))
+    (folder / "long.md").write_text("x" * (MAX_TEXT_BYTES + 1))
     (folder / "figure.png").write_bytes(b"\x89PNG")
     record = read_submission_folder(folder, rubric)
     assert {"joint_publisher.py", "long.md", "figure.png"} <= {file.path for file in record.files}
@@ -166,10 +167,10 @@ def test_of_too_many_texts_the_small_ones_are_read(folder: Path, rubric: Rubric)
     """Students write small files. If all text is too much, tables and logs are dropped first."""
     (folder / "logs").mkdir()
     for number in range(20):
-        (folder / f"logs/{number:02}.txt").write_text("x" * module.MAX_TEXT_BYTES)
+        (folder / f"logs/{number:02}.txt").write_text("x" * MAX_TEXT_BYTES)
     texts = read_submission_folder(folder, rubric).texts
     assert set(FILES.values()) <= set(texts)
-    assert sum(map(len, texts.values())) > module.MAX_TEXTS_CHARACTERS - module.MAX_TEXT_BYTES
+    assert sum(map(len, texts.values())) > module.MAX_TEXTS_CHARACTERS - MAX_TEXT_BYTES
     assert sum(map(len, texts.values())) <= module.MAX_TEXTS_CHARACTERS
 
 

@@ -70,9 +70,9 @@ class Director:
         _send(Answer("done"))
         while True:
             try:
-                request = self._requests.get(timeout=GraphWatch.PERIOD_S)
+                request = self._requests.get_nowait()
             except queue.Empty:
-                watch.look()
+                watch.wait(GraphWatch.CLOSELY_S)
                 continue
             if request is None:
                 break
@@ -120,8 +120,10 @@ class Director:
                 break
             if not self._probe.cancelled:
                 self._requests.put(request)
+            self._probe.watch.call()
         self._probe.cancelled = True
         self._requests.put(None)
+        self._probe.watch.call()
 
     def _answer(self, request: dict[str, Any]) -> Answer:
         try:

@@ -5,6 +5,7 @@ The grader's endpoints are known by their gids, because a student's node may hav
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import re
 import secrets
@@ -289,15 +290,52 @@ def _services_of(
     return [ServiceEndpoint(service, kind, full) for service, kinds in found for kind in kinds]
 
 
+class GraphEvents:
+    """The middleware's signal that the graph of a node has changed, and calls by other threads.
+
+    rclpy does not offer the condition of a node's graph, but can wait for it.
+    """
+
+    def __init__(self, node: Node) -> None:
+        rcl = ctypes.CDLL("librcl.so")
+        condition_of = rcl.rcl_node_get_graph_guard_condition
+        condition_of.restype = ctypes.c_void_p
+        condition_of.argtypes = [ctypes.c_void_p]
+        self._add = rcl.rcl_wait_set_add_guard_condition
+        self._add.argtypes = [ctypes.c_void_p] * 3
+        context = node.context.handle
+        with node.handle, context:
+            self._graph = condition_of(node.handle.pointer)
+            self._call = rclpy_implementation.GuardCondition(context)
+            self._set = rclpy_implementation.WaitSet(0, 2, 0, 0, 0, 0, context)
+
+    def wait(self, time_s: float) -> bool:
+        """Wait for a change, a call, or the end of the time; returns whether there was a change."""
+        with self._set:
+            self._set.clear_entities()
+            if self._add(self._set.pointer, self._graph, None) != 0:
+                raise RuntimeError("rcl refuses the condition of the graph")
+            self._set.add_guard_condition(self._call)
+            self._set.wait(round(time_s * 1e9))
+            return bool(self._set.is_ready("guard_condition", 0))
+
+    def call(self) -> None:
+        """End the wait of another thread, or its next one."""
+        self._call.trigger_guard_condition()
+
+
 class GraphWatch:
     """Takes snapshots when the graph changes, and hands each that differs from the one before on.
 
     Topics in `first`, which may grow, are looked at before all others.
     """
 
-    #: Time between glances at the graph, and between close looks although nothing seems to have changed, in s.
+    #: Shortest time between two glances at the graph, in s.
     PERIOD_S = 0.04
+    #: Time between close looks although nothing seems to have changed, in s.
     CLOSELY_S = 0.5
+    #: Longest wait, in s: shorter than a stall of the grader, see `Deadline`.
+    _WAIT_S = 0.2
     #: A hostile student can change the graph without end; after so many snapshots, or so much in them, only the
     #: last is kept up.
     MAX_CHANGES, MAX_ENTRIES = 500, 50_000
@@ -313,14 +351,39 @@ class GraphWatch:
         self._glance: object = None
         self._changes = self._entries = 0
         self._endpoints = Endpoints(node)
+        self._events = GraphEvents(node)
+        self._has_changed = True
         self.last = GraphSnapshot(0)
 
+    def call(self) -> None:
+        """End the wait of another thread, or its next one."""
+        self._events.call()
+
+    def wait(self, time_s: float) -> None:
+        """Wait for a change, a call, or the end of the time, for a fifth of a second at most; then look at the graph."""
+        time_s = min(time_s, self._WAIT_S)
+        if self._has_changed:
+            left_s = self._next_s - time.monotonic()
+            time.sleep(max(0.0, min(time_s, left_s)))
+        else:
+            self._has_changed = self._events.wait(max(0.0, time_s))
+        if time.monotonic() >= self._next_s:
+            self._look(now=False)
+
     def look(self, *, now: bool = False) -> GraphSnapshot:
-        """Look at the graph if it is time to (or `now`), and return the last snapshot."""
+        """Look at the graph if it has changed (or `now`), and return the last snapshot."""
         if not now and time.monotonic() < self._next_s:
             return self.last
+        if not self._has_changed:
+            self._has_changed = self._events.wait(0.0)
+        return self._look(now=now)
+
+    def _look(self, *, now: bool) -> GraphSnapshot:
         now_s = time.monotonic()
+        if not any((now, self._has_changed, now_s >= self._closely_s)):
+            return self.last
         self._next_s = now_s + self.PERIOD_S
+        self._has_changed = False
         glance = _glance(self._node)
         # While the names of nodes are on their way, a glance would not show when they come.
         settled = not any(UNKNOWN_NODE in endpoint.node for endpoint in self.last.endpoints)

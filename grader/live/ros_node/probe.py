@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -31,7 +30,7 @@ from ros_bag.writing import BagWriter
 
 #: Time in s that a spin takes at most.
 _SPIN_S = 0.01
-#: Time in s between two looks at a condition: the graph is looked at half as often.
+#: Longest time in s between two looks at a condition.
 _LOOK_S = 0.02
 #: Time in s that a publisher of the grader waits for the subscriptions of the student and of the recorder.
 MATCH_S = 3.0
@@ -131,8 +130,7 @@ class Probe:
             if spins:
                 self.spin()
             else:
-                time.sleep(min(_LOOK_S, deadline.left_s))
-                self.watch.look()
+                self.watch.wait(min(_LOOK_S, deadline.left_s))
         return True
 
     def wait(self, time_s: float) -> None:
@@ -141,8 +139,7 @@ class Probe:
         while not deadline.passed():
             if self.cancelled:
                 raise Cancelled
-            time.sleep(min(GraphWatch.PERIOD_S, deadline.left_s))
-            self.watch.look()
+            self.watch.wait(deadline.left_s)
 
     def until_up(self, name: str, condition: Callable[[], object], timeout_s: float) -> bool:
         """Wait for something in the graph; briefly if the same wait failed and nothing has changed since."""

@@ -187,17 +187,23 @@ def note_installed(record: SubmissionRecord, prefixes: Path) -> None:
 
 
 def _left_out(record: SubmissionRecord, package: PackageFact) -> list[str]:
-    """Name the launch files that a package does not install, each with the line to add."""
-    installed = set((package.shared or {}).values())
+    """Name the launch files that a package does not install, each with the line to add.
+
+    `ros2 launch` finds an installed file of the same name, so that nothing is said of a copy elsewhere.
+    """
+    installed = set()
+    for path in (package.shared or {}).values():
+        installed.add(PurePosixPath(path).name)
     above = f"{package.path}/".lstrip("/")
     found = []
     for path in sorted(file.path for file in record.files):
-        is_inside = path.startswith(above)
-        if not is_inside or path in installed:
+        if not path.startswith(above):
+            continue
+        inside = PurePosixPath(path.removeprefix(above))
+        if inside.name in installed:
             continue
         if not is_launch_file(path):
             continue
-        inside = PurePosixPath(path.removeprefix(above))
         command = f"ros2 launch {package.name} {inside.name}"
         line = _installing_line(package, inside)
         found.append(f"it does not install {inside}, so `{command}` does not find it; add {line}")

@@ -33,8 +33,8 @@ from grader.live.sandbox.room import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.session.launch_edits import edit
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.session import OutputLine, ProcessRun
-from grader.submission.artifacts import MAX_TEXT_BYTES
 from grader.submission.beneath import is_regular_beneath
+from grader.submission.file_names import MAX_TEXT_BYTES
 from launch_plan.assumed import left_out, without_assumed_parameters
 from launch_plan.exchange import MOST_ANSWER_BYTES, Ending, Request, command, plan_of_answer
 from launch_plan.format import LEFT_OUT, PARAMETERS_PLACEHOLDER, is_left_out

@@ -17,6 +17,7 @@ from grader.own_checks import (
     of_parts,
     passed,
     ramp,
+    unexplained,
 )
 
 #: Least speed of a car that moves, in m/s.
@@ -27,6 +28,7 @@ LATE_S = 0.5
 
 @dataclass
 class Stops:
+    topic: Topic
     odometry: Topic
     process: Process
     window: Window
@@ -51,7 +53,11 @@ def stops(context: Context, p: Stops) -> Finding:
     delay_s = context.delay_s(p.process, p.window)
     best = 1.0 if delay_s > LATE_S else 0.0
     doubt = cpu_delay_doubt(delay_s, context.duration_s)
-    return graded(0.0, expected, measured, reason, where=where, best=best, doubt=doubt)
+    finding = graded(0.0, expected, measured, reason, where=where, best=best, doubt=doubt)
+    if len(brakes(context, p.topic)):
+        return finding
+    # The end of the program, if it ended, explains why no command came.
+    return unexplained(finding)
 
 
 @dataclass

@@ -2,7 +2,19 @@
 
 from dataclasses import dataclass
 
-from grader.own_checks import Context, Finding, Process, Topic, failed, graded, not_reached
+from grader.own_checks import (
+    AnyStep,
+    Context,
+    EarlierCheckId,
+    Finding,
+    Process,
+    Topic,
+    failed,
+    graded,
+    not_reached,
+    ramp,
+    unexplained,
+)
 
 #: Error of a time that the battery may have beside the delays of the machine, in s.
 SLACK_S = 0.3
@@ -19,11 +31,59 @@ class Parameters:
 
 
 @dataclass
+class GoesOn:
+    topic: Topic
+    process: Process
+    #: Number of the LED, from 1.
+    led: int
+    #: The battery's node is in the graph at the end of this step.
+    up: AnyStep
+    #: Time in s for full credit, and time without any.
+    within_s: float
+    none_from_s: float
+    #: Checks that charge a panel without messages, and one that is late with them.
+    panel: list[EarlierCheckId]
+    late_panel: EarlierCheckId
+
+
+@dataclass
 class Change:
     """A change of the LED: after one message at `after_s`, by the next one at `seen_s`."""
 
     after_s: float
     seen_s: float
+
+
+def goes_on(context: Context, p: GoesOn) -> Finding:
+    """The LED goes on when the battery is empty for the first time; a late battery earns a part."""
+    expected = f"LED {p.led} on within {p.within_s:g} s"
+    up = context.step(p.up)
+    if up is None:
+        return not_reached("The battery's node did not come up.", expected=expected)
+    where = (context.location(p.topic),)
+    states = context.messages(p.topic).numbers("states")
+    if all(each is None for each in states):
+        reason = "No message with the states of the LEDs was recorded."
+        return context.charge(failed(expected, "no states", reason, where=where), None, p.panel)
+    changes = _changes(context, p)
+    if not changes:
+        reason = f"LED {p.led} did not go on in the {context.duration_s - up.ended_s:.1f} s that the battery ran."
+        finding = unexplained(failed(expected, "it stays off", reason, where=where))
+    else:
+        finding = _lit(context, p, up.ended_s, changes[0].seen_s)
+    return context.charge(finding, None, [p.late_panel])
+
+
+def _lit(context: Context, p: GoesOn, up_s: float, lit_s: float) -> Finding:
+    """Judge the time from the battery's start to the LED's first light; shorter delays of the machine are in its limit."""
+    late_s = lit_s - up_s
+    delay_s = max(0.0, context.longest_delay_s(up_s, lit_s) - SLACK_S)
+    share = ramp(late_s, p.within_s, p.none_from_s)
+    best = ramp(late_s - delay_s, p.within_s, p.none_from_s)
+    reason = f"LED {p.led} went on {late_s:.1f} s after the battery's node came up; {p.within_s:g} s are allowed."
+    where = (context.location(p.topic),)
+    expected = f"LED {p.led} on within {p.within_s:g} s"
+    return graded(share, expected, f"on after {late_s:.1f} s", reason, where=where, best=best)
 
 
 def waits(context: Context, p: Parameters) -> Finding:
@@ -34,7 +94,7 @@ def waits(context: Context, p: Parameters) -> Finding:
     changes = _changes(context, p)
     expected = f"dark for {p.time_s:g} s"
     if not changes:
-        return not_reached(f"LED {p.led} never went on.")
+        return not_reached(f"LED {p.led} was not seen to go on.")
     dark_s = changes[0].seen_s - run.started_s
     measured = f"on {dark_s:.1f} s after the start of the program"
     reason = (
@@ -49,11 +109,13 @@ def stays(context: Context, p: Parameters) -> Finding:
     changes = _changes(context, p)
     expected = f"on for {p.time_s:g} s"
     if not changes:
-        return not_reached(f"LED {p.led} never went on.")
+        return not_reached(f"LED {p.led} was not seen to go on.")
     on = changes[0]
     seen = context.messages(p.topic).received_s
     if len(changes) < 2:
         lit_s = float(seen[-1]) - on.seen_s
+        if lit_s < p.time_s + SLACK_S:
+            return not_reached(f"LED {p.led} went on so late that the session ended {lit_s:.1f} s afterwards.")
         reason = f"LED {p.led} was still on {lit_s:.1f} s after it went on, and the battery is empty for {p.time_s:g} s."
         return failed(expected, "it stays on", reason)
     off = changes[1]
@@ -66,7 +128,7 @@ def stays(context: Context, p: Parameters) -> Finding:
     return graded(float(least_s <= p.time_s <= most_s), expected, measured, reason)
 
 
-def _changes(context: Context, p: Parameters) -> list[Change]:
+def _changes(context: Context, p: Parameters | GoesOn) -> list[Change]:
     """Return the changes of the LED, which is dark before the first message."""
     messages = context.messages(p.topic)
     changes = []

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from grader.own_checks import Context, Finding, Part, Topic, Window, of_parts
+from grader.own_checks import Context, EarlierCheckId, Finding, Part, Topic, Window, of_parts
 
 
 @dataclass
@@ -12,14 +12,17 @@ class Parameters:
     kept_first: int
     again: Window
     again_first: int
+    #: Check of the answer to false; a node that ends with that call sends no more sums.
+    refusal: EarlierCheckId
 
 
 def resets(context: Context, p: Parameters) -> Finding:
     """The first sum after each of the two calls: one goes on from before, one begins at zero."""
-    parts = [
-        _first(context, p.topic, p.kept, p.kept_first, "a request with false"),
-        _first(context, p.topic, p.again, p.again_first, "a request with true"),
-    ]
+    kept = _first(context, p.topic, p.kept, p.kept_first, "a request with false")
+    if not len(context.messages(p.topic, window=p.kept)):
+        kept = context.charge_part(kept, None, [p.refusal])
+    again = _first(context, p.topic, p.again, p.again_first, "a request with true")
+    parts = [again, kept]
     return of_parts(f"{p.kept_first} after false, {p.again_first} after true", parts)
 
 

@@ -60,8 +60,8 @@ def _left_out(context: Context, plan: str) -> set[str]:
     return names
 
 
-def _is_set(numbers, name, parameter):
+def _is_set(numbers: list[float], name: str, parameter: str) -> Part:
     if not np.any(numbers):
-        reason = f"The {name} is 0 in all messages: the launch file sets no parameter {parameter}."
+        reason = f"The {name} is 0 in all messages: the launch file gives the talker no {parameter} other than 0."
         return Part(0.0, f"{name} 0", reason)
     return Part(1.0, f"{name} {float(np.median(numbers)):g}")

@@ -237,6 +237,12 @@ def told(final: str, library: str = "") -> Diagnosis:
             "max_velocity",
         ),
         (
+            "rclpy.exceptions.ParameterUninitializedException: The parameter 'threshold' is not initialized: threshold",
+            "",
+            "parameter-without-value",
+            "threshold",
+        ),
+        (
             "rclpy.exceptions.ParameterAlreadyDeclaredException: Parameter(s) already declared: ['v']",
             "",
             "parameter-declared-twice",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -76,6 +77,39 @@ def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_hande
     assert sum(len(graph.endpoints) for graph in before) <= _ShortWatch.MAX_ENTRIES
     assert 0 < len(before) < TOPICS
     assert topics_in(told[-1]) == TOPICS
+
+
+class _PatientWatch(GraphWatch):
+    """Never looks unless it is told that the graph has changed."""
+
+    CLOSELY_S = 1000.0
+    _WAIT_S = 30.0
+
+
+def quiet_for_s(watch: GraphWatch, time_s: float) -> float:
+    """Wait for a change or a call, and return how long that took, in s."""
+    begun_s = time.monotonic()
+    watch.wait(time_s)
+    return time.monotonic() - begun_s
+
+
+def test_a_wait_ends_with_a_change_or_a_call(node: Node) -> None:
+    """A graph at rest costs nothing: it is looked at when the middleware tells of a change."""
+    watch = _PatientWatch(node, lambda graph: None, set())
+    while quiet_for_s(watch, 0.5) < 0.5:  # its own endpoints
+        pass
+    with subprocess.Popen([sys.executable, "-c", GROWS], stdin=subprocess.PIPE, text=True) as other:
+        assert other.stdin is not None
+        other.stdin.write("\n")
+        other.stdin.flush()
+        while topics_in(watch.last) < 1:
+            assert quiet_for_s(watch, 25) < 20
+        while quiet_for_s(watch, 0.5) < 0.5:
+            pass
+        threading.Timer(0.1, watch.call).start()
+        assert quiet_for_s(watch, 25) < 20
+        other.stdin.close()
+    assert topics_in(watch.last) == 1
 
 
 def topics_in(graph: GraphSnapshot) -> int:

@@ -406,6 +406,7 @@ def test_a_build_tells_what_a_package_installs(tmp_path: Path) -> None:
     launch = "def generate_launch_description():\n    return None\n"
     sources = {"package.xml": MANIFEST, "setup.py": "setup(entry_points=made())\n"}
     sources |= {"arm_lab/talk.py": TALK, "launch/a.launch.py": launch, "launch/b.launch.py": ""}
+    sources["arm_lab/launch/a.launch.py"] = "# ros2 launch finds the installed one\n"
     installed = {**INSTALLED, "share/arm_lab/launch/a.launch.py": launch}
     record = built_record(sources, list(installed))
     assert "does not follow" in record.packages[0].problems[0]

@@ -167,6 +167,29 @@ def test_a_table_of_impossible_latencies_misleads(
     assert is_named == (max(means_ms) == 1000.0)
 
 
+@pytest.mark.parametrize(
+    ("means_ms", "credit"),
+    [((1.25, 1.25, 1.25), "0.25"), ((1.25, 1.25, 1.26), "1"), ((0.01, 0.01, 0.01), "1")],
+)
+def test_rows_with_one_latency_are_of_one_list(
+    tmp_path: Path, means_ms: tuple[float, float, float], credit: str
+) -> None:
+    """A list of latencies that all callbacks share prints the same numbers in each row; short ones may be equal."""
+    names = ("fast", "slow", "late")
+    lines = [row(1000, mean, 3 * mean, name) for name, mean in zip(names, means_ms, strict=True)]
+    session = Session(tmp_path).process("it", lines)
+    times = evenly(100, 9.99)
+    latency_s = means_ms[0] / 1000
+    rows = []
+    for name, topic in zip(names, (TOPIC, "/test_slow", "/test_late"), strict=True):
+        session.endpoint("publisher", topic).endpoint("subscription", topic)
+        session.messages(topic, [[0.0]] * len(times), times, latency_s=latency_s)
+        rows.append({"name": name, "topic": topic})
+    finding = judged(REPORTED_TRAFFIC, {**REPORTED, "rows": rows}, session)
+    assert finding.credit == Decimal(credit)
+    assert ("so these are not their own" in finding.reason) == (credit == "0.25")
+
+
 def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:
     """A topic without traffic costs points for the traffic.
 

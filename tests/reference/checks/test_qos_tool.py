@@ -278,7 +278,8 @@ def test_too_few_profiles_that_carry_messages_compare_nothing(
         session.endpoint("publisher", topic, qos=offered).endpoint("subscription", topic)
         for kind in ("publisher", "subscription"):
             session.claim(kind, topic, qos=CLAIM)
-    profiles = [PROFILES["profiles"][0], {**PROFILES["profiles"][0], "topic": "/test_slow"}]
+    first: Any = PROFILES["profiles"][0]
+    profiles = [first, {**first, "topic": "/test_slow"}]
     wanted = {**PROFILES, "profiles": profiles, "unmatched_credit": 0, "least_matched": least}
     finding = judged(QOS_PROFILES, wanted, session)
     assert finding.credit == Decimal(credit)
