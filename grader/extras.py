@@ -19,5 +19,10 @@ EXTRAS = {
 def missing_extra(module: str) -> PlatformError:
     """Return the error for a missing module of an extra, e.g. `uvicorn`."""
     extra = EXTRAS[module]
-    remedy = f"Install the extra {extra!r}: pip install '{PACKAGE}[{extra}]' (in a checkout: pip install -e '.[{extra}]')"
+    wanted = f"'{PACKAGE}[{extra}]'"
+    remedy = (
+        f"Install the extra {extra!r} as you installed grade: pip install {wanted},"
+        f" pipx install --force {wanted} or uv tool install {wanted}"
+        f" (in a checkout: pip install -e '.[{extra}]')"
+    )
     return PlatformError(f"the Python package {module} is not installed", remedy=remedy)

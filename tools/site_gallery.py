@@ -101,11 +101,14 @@ def _criteria(criteria: Iterable[CriterionSpec], expected: Mapping[str, str]) ->
         yield f"\n### {plain(criterion.title)} ({criterion.points} points)\n"
         if criterion.description:
             yield f"{plain(criterion.description)}\n"
-        yield "| points | check | full credit | kind |"
+        # On a phone, the style of keys lays out the columns below each other.
+        yield "<div class='keys' markdown>\n"
+        yield "| points | check | kind | full credit |"
         yield "|--:|---|---|---|"
         for check in criterion.checks:
             wanted = plain(expected.get(check.id, ""))
-            yield f"| {check.points} | {plain(check.title)} | {wanted} | {_kind(check)} |"
+            yield f"| {check.points} | {plain(check.title)} | {_kind(check)} | {wanted} |"
+        yield "\n</div>"
 
 
 def _kind(check: CheckSpec) -> str:

@@ -22,6 +22,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from rich.console import Console
 
+from grader import __version__
 from grader.checks.registry import REGISTRY
 from grader.commands import COMMANDS
 from grader.commands.listing import (
@@ -49,6 +50,11 @@ _PART = re.compile(r"^    ([a-z]+) {2,}\S", re.MULTILINE)
 #: Marks of Markdown and HTML.
 _MARK = re.compile(r"[<>\[\]*|\\]")
 _LINK_OUT = re.compile(r"(?<=\]\()\.\./([^)#\s]+)")
+
+
+def on_config(config: MkDocsConfig) -> None:
+    """State the documented release below each page."""
+    config.copyright = f"Documentation of grade {__version__}"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

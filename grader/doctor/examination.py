@@ -22,6 +22,7 @@ from grader.errors import PlatformError
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
+from grader.extras import missing_extra
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.lab.shipped_labs import require_extras
@@ -81,7 +82,7 @@ def examine(interpreter: Path) -> Iterator[Status]:
     yield _toolchain()
     yield _builder(isolation)
     if platform_status.verdict is Verdict.PASS:
-        yield _libraries(interpreter)
+        yield students_libraries(interpreter)
         yield from _traffic(interpreter)
 
 
@@ -101,16 +102,25 @@ def _platform(interpreter: Path) -> Status:
 
 
 #: Versions of the libraries that students' programs import.
-_LIBRARIES = "import numpy, scipy; print(f'NumPy {numpy.__version__}, SciPy {scipy.__version__}')"
+_LIBRARIES = """
+import numpy
+try:
+    from scipy import __version__ as scipy
+except ImportError:
+    scipy = "missing"
+print(f"NumPy {numpy.__version__}, SciPy {scipy}")
+"""
 
 
-def _libraries(interpreter: Path) -> Status:
+def students_libraries(interpreter: Path) -> Status:
     """State the libraries of students' programs, and the way to the libraries of their own machines."""
     subject = "students' libraries"
     try:
         found = ask_interpreter(interpreter, _LIBRARIES).strip()
     except ValueError as problem:
         return Status(Verdict.PASS, subject, str(problem), "")
+    if found.endswith("missing"):
+        return Status(Verdict.WARNING, subject, found, missing_extra("scipy").remedy)
     if found.startswith("NumPy 1."):
         return Status(Verdict.PASS, subject, found)
     if has_libraries_of_jazzy():

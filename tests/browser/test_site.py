@@ -13,13 +13,14 @@ from urllib.parse import unquote, urljoin, urlsplit
 import pytest
 from playwright.sync_api import Browser, expect
 
+from grader import __version__
 from tests.browser.chromium import DESK, PHONE, browser, visit
 from tests.documentation import ROOT
 from tests.thorough import part
 
 pytestmark = pytest.mark.browser
 
-PAGES = ("index", "first-lab", "policy", "figures")
+PAGES = ("index", "first-lab", "policy", "figures", "lab-go-to-goal")
 #: Pages at a desk in light colours, and on a phone in dark ones; every run examines one.
 STATES = [*product(PAGES, [(DESK, False)]), *product(reversed(PAGES), [(PHONE, True)])]
 
@@ -99,6 +100,20 @@ def test_every_link_leads_to_something(site: Path) -> None:
             named.add(f"{unquote(p.path)}#{unquote(p.fragment)}")
     assert len(named) > 100
     assert named - anchors == set()
+
+
+def test_each_shipped_lab_is_in_the_gallery_with_a_report(site: Path) -> None:
+    """A page with a rubric and a report of a real grading for every lab; each page names its release."""
+    names = ["09-01", *(folder.parent.name for folder in (ROOT / "labs").glob("*/rubric.yaml"))]
+    gallery = (site / "labs.html").read_text(encoding="utf-8")
+    for name in names:
+        page = (site / f"lab-{name}.html").read_text(encoding="utf-8")
+        report = (site / f"lab-{name}-report.html").read_text(encoding="utf-8")
+        assert f'href="lab-{name}.html"' in gallery
+        assert f'href="lab-{name}-report.html"' in page
+        assert 'id="rubric"' in page
+        assert "What to fix first" in report
+    assert f"Documentation of grade {__version__}" in gallery
 
 
 def test_checks_are_found_by_the_search_without_a_server(chromium: Browser, site: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import sys
 import time
 import webbrowser
 from pathlib import Path
@@ -104,6 +105,16 @@ def test_the_sample_needs_an_empty_folder(
     assert "not empty" in capsys.readouterr().err
     assert [entry.name for entry in tmp_path.iterdir()] == ["notes.txt"]
     assert (sample_submission() / "README.md").is_file()
+
+
+def test_a_failed_try_can_be_repeated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a package of the lab, the folder is left as it was, and the ways to the package are named."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert main(["try", str(tmp_path)]) == 5
+    assert "uv tool install 'ros-lab-grader[mujoco]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_mistakes_of_a_lab_for_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
