@@ -33,6 +33,7 @@ def provenance_of(
         found["handout_ros"] = rubric.lab.ros
     found["sessions"] = {name: _session(recorded) for name, recorded in sessions.items()}
     found["left_out"] = list(submission.left_out)
+    found["previous"] = []
     return found
 
 

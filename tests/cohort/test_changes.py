@@ -55,7 +55,7 @@ def test_equal_results_change_nothing(judged: dict[str, Any]) -> None:
 
 def test_a_check_with_other_points(judged: dict[str, Any]) -> None:
     """The check, its criterion and the total change by as much."""
-    after = with_check(judged, "publisher.rate", 2.5, "partial")
+    after = with_check(judged, "publisher.rate", 4.5, "partial")
     changes = compared(judged, after)
     assert (changes.submission, changes.before, changes.after) == (
         judged["submission"],
@@ -94,7 +94,7 @@ def test_undecided_points_matter(judged: dict[str, Any]) -> None:
 
 def test_words_alone_do_not_matter(judged: dict[str, Any]) -> None:
     """Another reason is told apart from other points, and another rubric's hash is no difference at all."""
-    reworded = with_check(judged, "publisher.rate", 5, "passed", reason="other words")
+    reworded = with_check(judged, "publisher.rate", 7, "passed", reason="other words")
     changes = compared(judged, reworded)
     assert (changes.matters, changes.words) == (False, True)
     elsewhere = copy.deepcopy(judged) | {
@@ -135,7 +135,7 @@ def test_checks_that_came_and_went(judged: dict[str, Any]) -> None:
     assert (check.id, check.before, check.after, check.outcomes[0]) == (
         "publisher.rate",
         None,
-        Decimal(5),
+        Decimal(7),
         None,
     )
     assert {(c.before is None, c.after is None) for c in others} == {(True, False), (False, True)}
@@ -179,11 +179,11 @@ def test_points_that_can_be_had_are_compared(judged: dict[str, Any]) -> None:
 
 def test_the_trail_says_what_was_and_is(judged: dict[str, Any]) -> None:
     """Each change is a pair of old and new, in plain numbers."""
-    plain = plain_changes(compared(judged, with_check(judged, "publisher.rate", 2.5, "partial")))
+    plain = plain_changes(compared(judged, with_check(judged, "publisher.rate", 4.5, "partial")))
     assert plain == {
         "final": [100, 97.5],
         "undecided": [0, 0],
         "criteria": {"publisher": [20, 17.5]},
-        "checks": {"publisher.rate": {"outcome": ["passed", "partial"], "points": [5, 2.5]}},
+        "checks": {"publisher.rate": {"outcome": ["passed", "partial"], "points": [7, 4.5]}},
         "adjustments": [],
     }

@@ -169,7 +169,7 @@ MISTAKES = {
     "an unknown check": ("check: publisher.rat, set: 6", "did you mean 'publisher.rate'?"),
     "an unknown criterion": ("criterion: sevrice, set: 6", "did you mean 'service'?"),
     "more than a check has": (
-        "check: publisher.rate, set: 5.5",
+        "check: publisher.rate, set: 7.5",
         "; bonus gives more",
     ),
     "part of another check": (
