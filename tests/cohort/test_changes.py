@@ -68,7 +68,7 @@ def test_a_check_with_other_points(judged: dict[str, Any]) -> None:
         Decimal(20),
         Decimal("17.5"),
     )
-    assert (check.id, check.before, check.after) == ("publisher.rate", Decimal(5), Decimal("2.5"))
+    assert (check.id, check.before, check.after) == ("publisher.rate", Decimal(7), Decimal("4.5"))
     assert check.outcomes == (Outcome.PASSED, Outcome.PARTIAL)
     assert changes.difference == criterion.difference == check.difference == Decimal("-2.5")
     assert changes.words
