@@ -376,8 +376,9 @@ def _starts_absent(texts: _Texts, p: Readme, own: str) -> bool:
     for _, shown in texts:
         for _, command in command_lines(shown, p.commands):
             for match in _STARTED.finditer(command):
-                name = match[3]
-                if name and PurePosixPath(name).stem not in own:
+                if match[3] is None:
+                    continue
+                if PurePosixPath(match[3]).stem not in own:
                     return True
     return False
 
@@ -511,7 +512,10 @@ def _how_to_run(texts: _Texts, p: Readme, own: str | None) -> tuple[str, list[st
     """
     for path, shown in texts:
         for line, command in command_lines(shown, p.commands):
-            if own is None or not _is_of_other_work(command, own):
+            is_other = False
+            if own is not None:
+                is_other = _is_of_other_work(command, own)
+            if not is_other:
                 return f"{_at(path, line)}, {command[:80]}", []
     for path, shown in texts:
         in_words = instruction_line(shown, p.run_words)
