@@ -100,15 +100,28 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
 
 
 def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
-    """Tell whether the launch file, by its remappings, gives a node subscriptions on all wanted topics."""
-    launched = context.sessions.get(p.launched_in or "")
-    if launched is None:
+    """Tell whether the launch file, by its remappings, gives a node subscriptions on all wanted topics.
+
+    True as well if its session was not recorded.
+    """
+    if p.launched_in is None:
         return False
+    launched = context.sessions.get(p.launched_in)
+    if launched is None:
+        return True
     for wanted in p.topics:
         found = launched.endpoints_on(wanted.topic, "subscription", context.reference_nodes)
-        if not any(each.topic == wanted.topic and each.type == wanted.type for each in found):
+        fitting = [each for each in found if _is_heard(p, wanted, each)]
+        if not fitting:
             return False
     return True
+
+
+def _is_heard(p: TopicsSubscribed, wanted: WantedTopic, endpoint: Endpoint) -> bool:
+    """Tell whether a subscription has the wanted name and type, and gets what is offered."""
+    if (endpoint.topic, endpoint.type) != (wanted.topic, wanted.type):
+        return False
+    return clash(endpoint, p.offered) is None
 
 
 def _judge_subscription(

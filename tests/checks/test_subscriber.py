@@ -213,6 +213,21 @@ def test_a_node_that_got_nothing_has_not_survived_it(
     assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is outcome
 
 
+@pytest.mark.parametrize(("launched_as", "rest"), [("/other", "0.6"), (STATE, None)])
+def test_a_node_that_hears_nothing_loses_of_the_rest(
+    tmp_path: Path, launched_as: str, rest: str | None
+) -> None:
+    """Only a launch file that gives it the right topics keeps the rest whole."""
+    session = Session(tmp_path).endpoint("subscription", COMMAND).process("it")
+    launched = Session(tmp_path, "launch").endpoint("subscription", COMMAND)
+    launched.endpoint("subscription", launched_as)
+    wanted = {**SUBSCRIBED, "rest": 0.6, "launched_in": "launch"}
+    others = {"launch": launched.recorded()}
+    finding = judged("topics_subscribed", wanted, session, others=others)
+    expected = None if rest is None else Decimal(rest)
+    assert finding.passes_on == expected
+
+
 @pytest.mark.parametrize(
     ("asked", "outcome"), [(STATE, Outcome.INCONCLUSIVE), ("/other", Outcome.PARTIAL)]
 )

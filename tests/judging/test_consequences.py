@@ -84,9 +84,7 @@ def test_a_check_of_a_repaired_file_says_what_the_repair_costs(rubric: Rubric) -
     result = judge(open_recordings(KEPT / "launch_wrong_executable", rubric), rubric)
     found = next(check for check in result.checks if check.id == "launch.arguments")
     title = "The launch file loads as handed in"
-    assert found.reason == (
-        f"Judged as if '{title}' were right; 25% are lost by that."
-    )
+    assert found.reason == (f"Judged as if '{title}' were right; 25% are lost by that.")
 
 
 @pytest.mark.parametrize("name", COMPOSED)

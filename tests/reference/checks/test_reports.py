@@ -538,6 +538,47 @@ def test_statistics_must_come_after_a_shorter_run_too(
     assert ("stopped after 50 reports" in finding.reason) == (credit != "1")
 
 
+@pytest.mark.parametrize(("filled", "credit"), [(1.0, "1"), (0.5, "0")])
+def test_empty_entries_of_a_history_are_no_errors(
+    tmp_path: Path, filled: float, credit: str
+) -> None:
+    """Fifty reports leave half of a history of 100 empty; its zeros may not count."""
+    session = with_reports(*stimulus(tmp_path))
+    rms = float(np.sqrt((history(100) ** 2).mean()))
+    session.record.processes[0].output.append(OutputLine(0, "stdout", f"RMS: {vector(rms)}"))
+    other = Session(tmp_path, "other")
+    lines = [(1.0 + 0.01 * n, "error RMS=0.1") for n in range(50)]
+    diluted = 0.1 * float(np.sqrt(filled))
+    other.process("joint_subscriber-2", [*lines, (29.0, f"RMS: {vector(diluted)}")], artifact=None)
+    other.record.processes[0].ended_by = "interrupt"
+    shorter = {**SHORTER["shorter"], "unfilled_credit": 0}
+    wanted = {**SHORTER, "label": "RMS", "key": "rms", "shorter": shorter}
+    wanted["report_pattern"] = r"RMS=([\d.]+)"
+    finding = judged(REPORTED_STATISTICS, wanted, session, others={"other": other.recorded()})
+    assert finding.credit == Decimal(credit)
+    assert ("empty entries" in finding.reason) == (credit == "0")
+
+
+@pytest.mark.parametrize(("late", "credit"), [(0, "1"), (4, "1"), (6, "0.3")])
+def test_an_older_command_shows_at_the_start_of_each_phase(
+    tmp_path: Path, late: int, credit: str
+) -> None:
+    """Some wrong reports at the start of each later phase are a queue; a few may be the machine's."""
+    session, times = stimulus(tmp_path)
+    lines = []
+    for n, time_s in enumerate(times):
+        place = n // STATES_EACH
+        value = abs(ERRORS[place])
+        if place and n % STATES_EACH < late:
+            value = 1.7
+        lines.append((time_s + 0.001, f"RMS tracking error: {value:.4f} rad"))
+    outdated = {"meaning": "an older command", "credit": 0.3}
+    finding = judged(
+        REPORTED_SERIES, {**SERIES, "outdated": outdated}, session.process("it", lines)
+    )
+    assert finding.credit == Decimal(credit)
+
+
 def test_reports_of_a_status_line_count_one_by_one(tmp_path: Path) -> None:
     """A carriage return ends a report, and the source line of a traceback is none."""
     session = with_reports(*stimulus(tmp_path))

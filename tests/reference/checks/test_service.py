@@ -69,6 +69,17 @@ def gated(
     return judged(CALL_GATED, GATED, session)
 
 
+@pytest.mark.parametrize(("again", "credit"), [(False, "1"), (True, "0.5")])
+def test_an_enabled_robot_is_refused_too(tmp_path: Path, again: bool, credit: str) -> None:
+    """A node that answers a repeated request before it reads its parameter loses half."""
+    session = Session(tmp_path).step("set_parameters", "off", parameters=SWITCHED_OFF)
+    answers = {"refuse": False, "recover": True, "from_start": False, "again": again}
+    for label, success in answers.items():
+        called(session, label, call(answer(success)))
+    finding = judged(CALL_GATED, {**GATED, "enabled_step": "again"}, session)
+    assert finding.credit == Decimal(credit)
+
+
 @pytest.mark.parametrize(
     ("answers", "credit", "words"),
     [
