@@ -94,9 +94,16 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     finding = of_parts(expected, parts, costs=p.node_faults(nodes), where=(context.location(),))
     if any(unheard(context, wanted.topic) for wanted in p.topics):
         return cut_off(finding)
-    if least < 1 and p.rest < 1 and not _right_as_launched(context, p):
-        return replace(finding, passes_on=credit_of(p.rest))
+    if least < 1:
+        return _with_less_for_the_rest(context, p, finding)
     return finding
+
+
+def _with_less_for_the_rest(context: Context, p: TopicsSubscribed, finding: Finding) -> Finding:
+    """Let the dependent checks lose too, unless the launch file repairs the subscriptions."""
+    if p.rest == 1 or _right_as_launched(context, p):
+        return finding
+    return replace(finding, passes_on=credit_of(p.rest))
 
 
 def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:

@@ -658,7 +658,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
 def _judge_shorter(
     context: Context, p: ReportedStatistics, shorter: Shorter, right: Finding
 ) -> Finding:
-    """Judge right numbers by what the node prints after fewer messages, too."""
+    """Judge right numbers by the output after fewer messages, too."""
     if shorter.credit < 1:
         reason = _silent_when_shorter(context, p, shorter)
         if reason:
@@ -836,17 +836,17 @@ def _of_reported_only(
     )
 
 
-#: Relative difference up to which an RMS is that of a history with empty entries, and the ratio of the two from which
-#: the history is too full to tell.
+#: Largest relative difference between the printed RMS and the RMS of a history with empty entries.
 _SAME_RMS = 0.04
+#: Least ratio of the two RMS values at which the history is too full to tell.
 _NEARLY_FULL = 0.9
 
 
 def _unfilled_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
     """Say that the printed RMS counts empty entries of the history after a run with fewer messages; empty if not.
 
-    The mean square of the reports is that of the printed numbers. With empty entries the latter is smaller by the
-    share of the history that is filled.
+    The reports and the printed numbers have the same mean square. With empty entries, the latter is smaller by the
+    filled share of the history.
     """
     for run, values in _shorter_runs(context, p, shorter):
         printed = _printed(p, run)

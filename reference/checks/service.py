@@ -239,7 +239,7 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
         return context.charge(found, cause)
     if _fits(gate.on, p.recovered):
         again = _not_refused_again(context, p)
-        if again is not None:
+        if p.enabled_step is not None and again is not None:
             where = (*gate.where, _calls_at(context, p.enabled_step))
             reason = f"{_ONCE_ON} {_shown(again)}."
             return replace(gate, where=where).graded(p.enabled_credit, reason, _ONCE_ON_HINT)
@@ -249,7 +249,7 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
 
 
 def _not_refused_again(context: Context, p: CallGated) -> Answer:
-    """Return the answer to the later call if it grants what must be refused; None if not, or without a call."""
+    """Return the answer to the later call if it grants a forbidden request; None if not, or without a call."""
     if p.enabled_step is None:
         return None
     answer = _answer_to(context, p.enabled_step)

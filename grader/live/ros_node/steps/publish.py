@@ -23,7 +23,7 @@ _ACKNOWLEDGED_S = 1.0
 def publish(probe: Probe, step: PublishStep) -> Answer:
     """Publish from a node of its own; if the student subscribes with other types only, publish nothing.
 
-    Nothing would arrive, and the recording holds one type a topic: that of the messages which do arrive.
+    Nothing would arrive, and a recording holds one type a topic, the type of the messages on it.
     """
     topic = probe.name(step.topic)
     types = _subscribed_types(probe, topic)
