@@ -64,7 +64,7 @@ class TopicsSubscribed(OfEndpoint):
     )
     rest: Share = Field(
         1.0,
-        description="Share that the checks which depend on this one earn of a node that hears nothing as it is.",
+        description="Share of the credit left to dependent checks if the node hears nothing as it is.",
     )
     launched_in: ref.SessionId | None = Field(
         None,
@@ -94,9 +94,18 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     finding = of_parts(expected, parts, costs=p.node_faults(nodes), where=(context.location(),))
     if any(unheard(context, wanted.topic) for wanted in p.topics):
         return cut_off(finding)
-    if least < 1 and p.rest < 1 and not _right_as_launched(context, p):
-        return replace(finding, passes_on=credit_of(p.rest))
-    return finding
+    return _less_of_the_rest(context, p, finding, least)
+
+
+def _less_of_the_rest(
+    context: Context, p: TopicsSubscribed, finding: Finding, least: float
+) -> Finding:
+    """Lower the credit of the checks behind this one if the node hears nothing, not even as launched."""
+    if least >= 1 or p.rest >= 1:
+        return finding
+    if _right_as_launched(context, p):
+        return finding
+    return replace(finding, passes_on=credit_of(p.rest))
 
 
 def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
@@ -118,7 +127,7 @@ def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
 
 
 def _is_heard(p: TopicsSubscribed, wanted: WantedTopic, endpoint: Endpoint) -> bool:
-    """Tell whether a subscription has the wanted name and type, and gets what is offered."""
+    """Tell whether a subscription has the wanted name and type, and a profile compatible with the offered one."""
     if (endpoint.topic, endpoint.type) != (wanted.topic, wanted.type):
         return False
     return clash(endpoint, p.offered) is None
