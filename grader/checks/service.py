@@ -45,7 +45,7 @@ class ServiceOffered(OfEndpoint):
     type: ref.ServiceType
     rest: Share = Field(
         1.0,
-        description="Share that the checks which depend on this one earn if no client of the lab finds the service.",
+        description="Share of the credit left to dependent checks if no client of the lab finds the service.",
     )
 
     def sought(self) -> Sequence[ref.Sought]:
@@ -72,9 +72,11 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     source = claimed_at(claim_of(context, "service", p.service))
     where = (*source, context.location())
     finding = of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
-    if is_unknown and p.rest < 1:
-        return replace(finding, passes_on=credit_of(p.rest))
-    return finding
+    if not is_unknown:
+        return finding
+    if p.rest >= 1:
+        return finding
+    return replace(finding, passes_on=credit_of(p.rest))
 
 
 def _offers(context: Context, service: str) -> list[ServiceEndpoint]:

@@ -64,7 +64,7 @@ class TopicsSubscribed(OfEndpoint):
     )
     rest: Share = Field(
         1.0,
-        description="Share that the checks which depend on this one earn of a node that hears nothing as it is.",
+        description="Share of the credit left to dependent checks if the node hears nothing as it is.",
     )
     launched_in: ref.SessionId | None = Field(
         None,
@@ -125,7 +125,7 @@ def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
 
 
 def _is_heard(p: TopicsSubscribed, wanted: WantedTopic, endpoint: Endpoint) -> bool:
-    """Tell whether a subscription has the wanted name and type, and gets what is offered."""
+    """Tell whether a subscription has the wanted name and type, and a profile compatible with the offered one."""
     if (endpoint.topic, endpoint.type) != (wanted.topic, wanted.type):
         return False
     return clash(endpoint, p.offered) is None

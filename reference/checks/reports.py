@@ -608,7 +608,7 @@ class Shorter(BaseModel):
         None,
         ge=0,
         le=1,
-        description="Credit of an RMS that counts the entries of a history which is not full yet as zeros.",
+        description="Credit of an RMS that counts the empty entries of a history as zeros.",
     )
 
 
@@ -650,7 +650,9 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     if printed is None:
         return _nothing_printed(p, run, expected)
     finding = _judge_vector(context, p, streams, printed)
-    if p.shorter is None or finding.outcome is not Outcome.PASSED:
+    if p.shorter is None:
+        return finding
+    if finding.outcome is not Outcome.PASSED:
         return finding
     return _judge_shorter(context, p, p.shorter, finding)
 
@@ -850,13 +852,17 @@ def _unfilled_when_shorter(context: Context, p: ReportedStatistics, shorter: Sho
     """
     for run, values in _shorter_runs(context, p, shorter):
         printed = _printed(p, run)
-        if printed is None or len(printed.values) != p.length:
+        if printed is None:
+            continue
+        if len(printed.values) != p.length:
             continue
         filled = len(values) / p.parameters["history"]
         right = _root_mean_square(values)
         diluted = right * math.sqrt(filled)
         own = _root_mean_square(printed.values)
-        if math.isclose(own, diluted, rel_tol=_SAME_RMS) and own < _NEARLY_FULL * right:
+        if own >= _NEARLY_FULL * right:
+            continue
+        if math.isclose(own, diluted, rel_tol=_SAME_RMS):
             stopped = f"In the session '{shorter.session}' it was stopped after {len(values)} reports"
             compared = f"they have an RMS of {right:.4f} over all joints, the printed numbers one of {own:.4f}"
             return f"{stopped}; {compared}: empty entries of the history are counted as zeros."

@@ -569,8 +569,9 @@ def test_an_older_command_shows_at_the_start_of_each_phase(
     for n, time_s in enumerate(times):
         place = n // STATES_EACH
         value = abs(ERRORS[place])
-        if place and n % STATES_EACH < late:
-            value = 1.7
+        if place:
+            if n % STATES_EACH < late:
+                value = 1.7
         lines.append((time_s + 0.001, f"RMS tracking error: {value:.4f} rad"))
     outdated = {"meaning": "an older command", "credit": 0.3}
     finding = judged(
