@@ -30,8 +30,8 @@ from grader.recording.session import ProcessRun
 _LEAST_DELAY_S = 0.005
 #: Least share of delays in a span after which every event in the span may depend on them.
 MANY_DELAYS = 0.25
-#: Largest share of a time that delays are taken to have cost.
-_MOST_DELAYED = 0.5
+#: Largest share of a time that delays are taken to have cost; a process that runs for less shows nothing.
+_MOST_DELAYED = 0.9
 #: Delayed share of a span from which the delay is the reason of a doubt.
 _NOTABLE_DELAY = 0.005
 #: Share of an interval up to which a delay does not change the number of intervals.
@@ -271,8 +271,8 @@ class Publication:
         delay_s = delay_of(self.recorded, self.run, span).delay_s
         return replace(self, timing=timing, span=span, delay_s=delay_s)
 
-    def at_most_half(self) -> Publication:
-        """Return the publication with a delay of at most half of its time."""
+    def with_likely_delay(self) -> Publication:
+        """Return the publication with the most delay that its time is taken to have cost."""
         return replace(self, delay_s=min(self.delay_s, _MOST_DELAYED * self.length_s))
 
     @property
