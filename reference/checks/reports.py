@@ -181,7 +181,7 @@ class ReportShare(BaseModel):
 
 
 class Outdated(BaseModel):
-    """Known mistake of a node that compares the first messages after each change with an older value."""
+    """Known mistake: the first messages after each change are compared with an older value."""
 
     meaning: str
     least: int = Field(

@@ -60,7 +60,7 @@ class CallGated(BaseModel):
         description="The refused call again, while the parameter is off after the recovered call had its effect.",
     )
     enabled_credit: Share = Field(
-        0.5, description="Credit where that call is not refused, and the first one is."
+        0.5, description="Credit if only the first call is refused."
     )
     stopped_credit: Share = Field(
         0.5, description="Credit of refusing from the start, of a node that stopped answering."
