@@ -639,7 +639,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
 def _judge_shorter(
     context: Context, p: ReportedStatistics, shorter: Shorter, right: Finding
 ) -> Finding:
-    """Judge right numbers by what the node prints after fewer messages, too."""
+    """Judge right numbers by those after fewer messages, too."""
     if shorter.credit < 1:
         reason = _silent_when_shorter(context, p, shorter)
         if reason:

@@ -245,7 +245,7 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
 
 
 def _not_refused_again(context: Context, p: CallGated) -> Answer:
-    """Return the answer to the later call if it grants what must be refused; None if not, or without a call."""
+    """Return the answer to the later call if it is wrongly granted, else None."""
     if p.enabled_step is None:
         return None
     answer = _answer_to(context, p.enabled_step)
