@@ -181,7 +181,7 @@ class ReportShare(BaseModel):
 
 
 class Outdated(BaseModel):
-    """Known mistake of a node that compares the first messages after each change with an older value."""
+    """Known mistake: the first messages after each change are compared with an older value."""
 
     meaning: str
     least: int = Field(
@@ -660,7 +660,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
 def _judge_shorter(
     context: Context, p: ReportedStatistics, shorter: Shorter, right: Finding
 ) -> Finding:
-    """Judge right numbers by the output after fewer messages, too."""
+    """Judge right numbers by those after fewer messages, too."""
     if shorter.credit < 1:
         reason = _silent_when_shorter(context, p, shorter)
         if reason:

@@ -60,7 +60,7 @@ class CallGated(BaseModel):
         description="The refused call again, while the parameter is off after the recovered call had its effect.",
     )
     enabled_credit: Share = Field(
-        0.5, description="Credit where that call is not refused, and the first one is."
+        0.5, description="Credit if only the first call is refused."
     )
     stopped_credit: Share = Field(
         0.5, description="Credit of refusing from the start, of a node that stopped answering."
@@ -249,7 +249,7 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
 
 
 def _not_refused_again(context: Context, p: CallGated) -> Answer:
-    """Return the answer to the later call if it grants a forbidden request; None if not, or without a call."""
+    """Return the answer to the later call if it is wrongly granted, else None."""
     if p.enabled_step is None:
         return None
     answer = _answer_to(context, p.enabled_step)
