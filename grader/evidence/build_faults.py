@@ -310,7 +310,7 @@ _REMEDIES = (
         r"can't copy '(resource/.+?)'",
         "Add an empty file {0}: it marks the package in the index of ROS.",
     ),
-    (r"can't copy '(.+?)'", "Add the file {0}, or remove it from data_files in setup.py."),
+    (r"can't copy '([^'\n]+)'", "Add the file {0}, or remove it from data_files in setup.py."),
     (
         r"there is no CMakeLists\.txt",
         "In package.xml, write <export><build_type>ament_python</build_type></export> for a package with a setup.py.",
@@ -345,7 +345,7 @@ _REMEDIES = (
         "Add find_package({0} REQUIRED) before it, and <depend>{0}</depend> to package.xml.",
     ),
     (
-        r'given target "(.+?)" which does not exist',
+        r'given target "([^"\n]+)" which does not exist',
         "Write the name of a target as in add_executable or add_library instead of {0}.",
     ),
     (r"Cannot find source file: (\S+)", "Add the file {0}, or correct its name."),
@@ -423,7 +423,7 @@ def _missing_script(package: PackageFact, words: str, texts: Mapping[str, str]) 
 
 def _wrong_root(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
     """Correct a package_dir that leads to a missing folder."""
-    missing = re.search(r"package directory '(.+)/.+?' does not exist", words)
+    missing = re.search(r"package directory '([^'\n]+)/[^'/\n]+' does not exist", words)
     if missing is None or "package_dir" not in texts.get(within(package, "setup.py"), ""):
         return ""
     return f"Remove package_dir from setup.py, or move the folder of the modules into {missing[1]}."
@@ -431,7 +431,7 @@ def _wrong_root(package: PackageFact, words: str, texts: Mapping[str, str]) -> s
 
 def _copied_folder(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
     """Name the files of a folder in data_files."""
-    copied = re.search(r"can't copy '(.+?)'", words)
+    copied = re.search(r"can't copy '([^'\n]+)'", words)
     if copied is None:
         return ""
     folder = copied[1]
@@ -447,7 +447,7 @@ def _copied_folder(package: PackageFact, words: str, texts: Mapping[str, str]) -
 
 def _late_target(package: PackageFact, words: str, texts: Mapping[str, str]) -> str:
     """Move the installation of a target below its definition."""
-    target = re.search(r'given target "(.+?)" which does not exist', words)
+    target = re.search(r'given target "([^"\n]+)" which does not exist', words)
     if target is None:
         return ""
     made = f"add_executable({target[1]} "

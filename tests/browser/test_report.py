@@ -27,7 +27,7 @@ STATES = [*product(NAMES, [False]), *product(reversed(NAMES), [True])]
 #: Adjustments of one report.
 OVERRIDES = """
 overrides:
-  - {submission: service_never_answers, check: service.enables, set: 2, reason: Seen, who: JS, when: 2026-11-21}
+  - {submission: service_never_answers, check: service.enables, set: 1, reason: Seen, who: JS, when: 2026-11-21}
   - {submission: service_never_answers, bonus: 3, reason: An action server, who: JS, when: 2026-11-21}
 """
 

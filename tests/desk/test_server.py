@@ -54,7 +54,7 @@ def decision(desk: Served, name: str = "alice", check: str = CHECK, **more: Any)
         "level": "check",
         "id": check,
         "change": "set",
-        "points": "2",
+        "points": "1.5",
         "reason": "it was right",
     }
     return {**plain, "seen": {name: item["state"]}, **more}
@@ -226,7 +226,11 @@ def test_a_decision_stands_in_the_file_and_then_in_the_result(desk: Served, made
     assert plain["failed"] == []
     assert plain["written"] == 1
     adjustment = load_result(made / "alice" / RESULT_FILE).adjustments[0]
-    assert (adjustment.what, adjustment.points, adjustment.who) == (CHECK, Decimal(2), "J. Smith")
+    assert (adjustment.what, adjustment.points, adjustment.who) == (
+        CHECK,
+        Decimal("1.5"),
+        "J. Smith",
+    )
     report = (made / "alice/report.html").read_text(encoding="utf-8")
     assert "Fine; &#34;really&#34; &lt;b&gt;" in report
     line = json.loads((made / AUDIT_FILE).read_text(encoding="utf-8").splitlines()[-1])
@@ -248,7 +252,10 @@ def test_the_same_decision_for_all_with_the_same_mistake_is_shown_first(
     status, body, _ = desk.ask("POST", "preview", both)
     effects = json.loads(body)["effects"]
     assert status == 200
-    assert [(e["name"], e["part"]) for e in effects] == [("bob", ["0", "2"]), ("alice", ["0", "2"])]
+    assert [(e["name"], e["part"]) for e in effects] == [
+        ("bob", ["0", "1.5"]),
+        ("alice", ["0", "1.5"]),
+    ]
     assert text(made) == before
     assert desk.ask("POST", "decide", both)[0] == 200
     assert "submission: [bob, alice]" in text(made)
