@@ -335,7 +335,7 @@ def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -
         found = dict.fromkeys(parts, (texts[0][0], 1))
         seen = "names no part of the work by a name known to the grader"
         notes.append(_for_a_person(texts[0][0], 1, seen))
-    absent = _absent_files(texts, p, own)
+    absent = _absent_files(texts, p, own, names_all=len(found) == len(parts))
     return _ReadmeFacts(run, parts, found, hollow, notes, absent=absent)
 
 
@@ -350,10 +350,11 @@ _BUILT = ("build/", "install/", "log/")
 _FEW_ABSENT = 2
 
 
-def _absent_files(texts: _Texts, p: Readme, own: str) -> dict[str, _Place]:
+def _absent_files(texts: _Texts, p: Readme, own: str, *, names_all: bool) -> dict[str, _Place]:
     """Return the files of the READMEs that are not there, with their first mention.
 
-    A single one counts only in a command that starts it. Files that a program or the handout names may be made later.
+    A single one counts only in a command that starts it, and not in a README that names all parts: there it stands for
+    each of them, as in `python3 file.py`. Files that a program or the handout names may be made later.
     """
     if not p.absent_costs:
         return {}
@@ -366,7 +367,7 @@ def _absent_files(texts: _Texts, p: Readme, own: str) -> dict[str, _Place]:
                         absent.setdefault(match[0], (path, block.line + offset))
     if len(absent) >= _FEW_ABSENT:
         return absent
-    if _starts_absent(texts, p, own):
+    if not names_all and _starts_absent(texts, p, own):
         return absent
     return {}
 

@@ -197,7 +197,7 @@ PROMISES = f"{FILLED}\n{{}}\n"
     ("text", "credit", "absent"),
     [
         ("The motion is computed in arm_model.py.", "1", ""),
-        ("Start the demo with `python3 demo.py`.", "0.75", "demo.py (README.md, line "),
+        ("Start each with `python3 archivo.py`.", "1", ""),
         ("arm_model.py moves it; the plot is docs/plot.png.", "0.5", "docs/plot.png (README.md, "),
         ("one_a.py, one_b.py, one_c.py and one_d.py do the rest.", "0", "one_a.py (README.md, "),
         ("talk.py writes states.csv and log.csv.", "1", ""),
@@ -206,7 +206,7 @@ PROMISES = f"{FILLED}\n{{}}\n"
     ],
 )
 def test_files_that_a_readme_promises_are_there(text: str, credit: str, absent: str) -> None:
-    """Two absent files, or one that a command starts, cost; the programs' own files come later."""
+    """Two absent files cost; the programs' own files come later, and one name may stand for all parts."""
     files = {
         "README.md": PROMISES.format(text),
         "talk.py": "open('states.csv')\nopen('log.csv')\n",
@@ -219,6 +219,21 @@ def test_files_that_a_readme_promises_are_there(text: str, credit: str, absent: 
     assert finding.credit == Decimal(credit)
     assert absent in finding.reason
     assert static("readme", {**README, "commands": commands}, record).credit == 1
+
+
+def test_a_readme_that_starts_an_absent_file_loses_points() -> None:
+    """A README without all parts means one file by the name, not each of them."""
+    text = (
+        "# Work\n\nTo run it: `python3 talk.py`, then `python3 demo.py`. talk.py publishes words.\n"
+    )
+    files = {"README.md": text, "talk.py": "", "hear.py": ""}
+    commands = [*README["commands"], r"python3?\s+\S+"]
+    record = submission(files, talk="talk.py", hear="hear.py")
+    free = static("readme", {**README, "commands": commands}, record)
+    wanted = {**README, "commands": commands, "absent_costs": 0.5}
+    finding = static("readme", wanted, record)
+    assert finding.credit == free.credit / 2
+    assert "The submission has no demo.py (README.md, line 3)" in finding.reason
 
 
 def test_no_readme_fails() -> None:
