@@ -240,7 +240,7 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     published = p.publication(context, span)
     if published is None:
         return _too_few_messages(context, p, span)
-    published = published.with_likely_delay()
+    published = published.with_bounded_delay()
     timing = published.timing
     rate = bounds.rate(published, p.rate_hz)
     silence = _silence(context, p, span)

@@ -271,8 +271,8 @@ class Publication:
         delay_s = delay_of(self.recorded, self.run, span).delay_s
         return replace(self, timing=timing, span=span, delay_s=delay_s)
 
-    def with_likely_delay(self) -> Publication:
-        """Return the publication with the most delay that its time is taken to have cost."""
+    def with_bounded_delay(self) -> Publication:
+        """Return the publication with a delay of at most nine tenths of its time."""
         return replace(self, delay_s=min(self.delay_s, _MOST_DELAYED * self.length_s))
 
     @property
