@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import marshal
 import sys
 import traceback
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any
+from typing import Any, cast
+
+from grader.user_cache import computed
 
 
 def load_oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
@@ -46,7 +49,8 @@ def load_file(lab_folder: Path, file: str) -> ModuleType:
 @lru_cache(maxsize=64)
 def compiled(text: bytes, file: str) -> CodeType:
     """Return the code of a file of a lab, without executing it; forks of a prepared process share it."""
-    return compile(text, file, "exec")
+    code = computed("code", (text, file), lambda: marshal.dumps(compile(text, file, "exec")))
+    return cast(CodeType, marshal.loads(code))
 
 
 def describe_failure(problem: BaseException, reference: str) -> str:

@@ -7,15 +7,14 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from grader.checks.registry import REGISTRY, former_checks
 from grader.cohort.entries import ClassEntry
 from grader.errors import RecordingError, RubricError, UsageError
+from grader.judging.validated import validated
 from grader.lab import kept_lab
 from grader.lab.kept_lab import is_shipped, lab_folder, lab_id
 from grader.lab.overrides import OVERRIDES_FILE, Overrides, load_overrides
 from grader.lab.references import Kinds
-from grader.lab.rubric import Rubric, load_rubric
-from grader.report.figures import FIGURES
+from grader.lab.rubric import Rubric
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 from grader.submission.separation import lies_within
 
@@ -35,7 +34,7 @@ def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
         folders.append(kept.parent / kept_lab.KEPT)
     elif is_shipped(path):
         folders.append(lab_folder())
-    rubric = load_rubric(path, rubric_kinds(), *folders)
+    rubric = validated(path, rubric_kinds, *folders)
     kept_lab.trust(kept_lab.files_of(rubric))
     return rubric
 
@@ -69,7 +68,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     elif not files:
         remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
     try:
-        return load_rubric(copy, rubric_kinds(), folder)
+        return validated(copy, rubric_kinds, folder)
     except RubricError as error:
         error.remedy = remedy
         raise
@@ -77,6 +76,9 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 
 def rubric_kinds() -> Kinds:
     """Return the checks and figures that a rubric can use."""
+    from grader.checks.registry import REGISTRY, former_checks
+    from grader.report.figures import FIGURES
+
     checks = {name: check.parameters for name, check in REGISTRY.items()}
     return Kinds(checks, FIGURES, former_checks)
 

@@ -24,6 +24,8 @@ from grader.report.figures.link import percent
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
 
 _FOLDER = Path(__file__).parent / "templates"
+#: Blanks in a style sheet that mean nothing: around brackets and semicolons, and after colons and commas.
+_BLANKS = re.compile(r"\s*([{};])\s*|([:,])\s+")
 
 
 def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **values: Any) -> str:
@@ -107,13 +109,15 @@ def breakable(name: str) -> Markup:
 
 
 def _read(name: str) -> str:
-    """Return a style sheet or a script without indentation and lines of comment."""
+    """Return a style sheet or a script without indentation and lines of comment, a sheet also without blanks at signs."""
     text = (_FOLDER / name).read_text(encoding="utf-8")
     kept = ""
     for row in text.splitlines():
         code = row.strip()
         if not code.startswith("//"):
             kept += f"{code}\n"
+    if name.endswith(".css"):
+        return _BLANKS.sub(r"\1\2", kept).replace(";}", "}")
     return kept
 
 

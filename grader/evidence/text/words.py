@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import regex
 
-from grader.lab.patterns import search
+from grader.lab.patterns import compiled_once, search
 
 #: Han and kana characters with as much meaning as one spaced word.
 IDEOGRAPHS_PER_WORD = 2
@@ -166,7 +166,7 @@ def _terms_of(terms: tuple[str, ...], ending: int | None) -> Terms:
     for (before, after), bodies in shapes.items():
         choices = "|".join(bodies)
         patterns.append(f"{before}(?:{choices}){after}")
-    return Terms(regex.compile("|".join(patterns) or r"(?!)"))
+    return Terms(compiled_once("|".join(patterns) or r"(?!)"))
 
 
 _JOINED = "\u0590-\u08ff\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u2e80-\U0003ffff"

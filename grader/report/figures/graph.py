@@ -29,6 +29,8 @@ from ros_bag.qos import Qos
 
 _MOST_ENDPOINTS = 16
 _HEIGHT = 260
+#: Style class of the marks of accepted calls.
+_ACCEPTED = "call-accepted"
 
 
 # -- calls -------------------------------------------------------------------------------------
@@ -68,16 +70,14 @@ class Call:
         if self.response is None:
             return "call-silent", "no answer in time"
         if self.accepted is None:
-            return "call-accepted", "answered"
-        style = "call-accepted" if self.accepted else "call-refused"
+            return _ACCEPTED, "answered"
+        style = _ACCEPTED if self.accepted else "call-refused"
         return style, f"answered: {literal(self.accepted)}"
 
     def paint(self, canvas: Canvas, x: float, y: float) -> None:
-        """Draw a circle if the service accepted, a diamond if it refused, and a cross if it did not answer."""
+        """Draw a diamond if the service refused, and a cross if it did not answer."""
         style, _ = self.key
-        if style == "call-accepted":
-            canvas.dot(x, y, 4, style)
-        elif style == "call-silent":
+        if style == "call-silent":
             canvas.path(f"M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8", style)
         else:
             canvas.path(f"M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5 -5z", style)
@@ -208,10 +208,22 @@ class _CallChart:
                 canvas.text(x + 3, top - 2, words, "start", "note")
 
     def _paint_calls(self, frame: Frame) -> None:
+        """Draw a stem for each call, with a dot if the service accepted, or the mark of another answer."""
+        stems = ""
+        accepted = []
+        others = []
         for call in self.calls:
             x = frame.px(call.start_s)
             y = frame.py(min(call.latency_s, self.slowest_s))
-            frame.canvas.vertical(x, frame.bottom, y, "stem")
+            stems += f"M{x:.1f} {frame.bottom:.0f}V{y:.1f}"
+            if call.key[0] == _ACCEPTED:
+                accepted.append((x, y))
+            else:
+                others.append((call, x, y))
+        frame.canvas.path(stems, "stem")
+        if accepted:
+            frame.canvas.dots(accepted, 4, f"dots {_ACCEPTED}")
+        for call, x, y in others:
             call.paint(frame.canvas, x, y)
 
 

@@ -27,6 +27,10 @@ LEFT, RIGHT, TOP, BOTTOM = 50, 14, 14, 44
 NARROW_POINTS = 120
 #: Points of a line in a wide picture; more cannot be told apart.
 MOST_POINTS = 300
+#: Anchor of texts, except where they say another.
+_MIDDLE = "middle"
+#: Elements without content.
+_SHAPES = ("circle", "line", "path", "polyline", "rect")
 #: Label of an axis of times.
 SINCE = "seconds since the session's start"
 
@@ -74,10 +78,11 @@ class Canvas:
         self.marks.append(mark)
 
     def text(
-        self, x: float, y: float, content: str, anchor: str = "middle", class_: str = "tick"
+        self, x: float, y: float, content: str, anchor: str = _MIDDLE, class_: str = "tick"
     ) -> None:
         """Write a line of text; `anchor` is start, middle or end."""
-        self.add("text", content, x=x, y=y, text_anchor=anchor, class_=class_)
+        anchored = {} if anchor == _MIDDLE else {"text_anchor": anchor}
+        self.add("text", content, x=x, y=y, **anchored, class_=class_)
 
     def horizontal(self, left: float, right: float, y: float, class_: str) -> None:
         """Draw a horizontal line."""
@@ -99,19 +104,61 @@ class Canvas:
 
     def dots(self, points: Iterable[Sequence[float]], radius: float, class_: str) -> None:
         """Draw equal circles around points (x, y), as the round ends of lines without a length."""
-        steps = ""
-        for x, y in points:
-            steps += f"M{x:.1f} {y:.1f}h0"
-        self.add("path", d=steps, stroke_width=2 * radius, class_=class_)
+        self.add("path", d=_moves(points, "m", "h0"), stroke_width=2 * radius, class_=class_)
 
     def path(self, steps: str, class_: str) -> None:
         """Draw a path; `steps` is its `d` attribute, such as `M4 8v10`."""
         self.add("path", d=steps, class_=class_)
 
+    def curve(self, points: Iterable[Sequence[float]], class_: str) -> None:
+        """Draw a line through many points (x, y), in half of the text that a polyline takes."""
+        self.add("path", d=_moves(_bends(points), "l"), class_=class_)
+
     def polyline(self, points: Iterable[Sequence[float] | Floats], class_: str) -> None:
         """Draw a line through points (x, y)."""
         written = [f"{x:.1f},{y:.1f}" for x, y in points]
         self.add("polyline", points=" ".join(written), class_=class_)
+
+
+def _moves(points: Iterable[Sequence[float]], step: str, mark: str = "") -> str:
+    """Return the steps of a path through points, each relative to the previous one, in tenths of a pixel.
+
+    For example the points (5, 7) and (6.5, 6.8) with the step `l` give "M5 7l1.5-.2", and with the step `m` and the
+    mark `h0` "M5 7h0m1.5-.2h0". Points at infinity are left out.
+    """
+    steps = []
+    command = "M"
+    last_x = last_y = 0
+    for x, y in points:
+        if not (math.isfinite(x) and math.isfinite(y)):
+            continue
+        tenths_x = round(x * 10)
+        tenths_y = round(y * 10)
+        right = _tenths(tenths_x - last_x)
+        down = _tenths(tenths_y - last_y)
+        gap = "" if down.startswith("-") else " "
+        steps.append(f"{command}{right}{gap}{down}{mark}")
+        last_x, last_y, command = tenths_x, tenths_y, step
+    return "".join(steps)
+
+
+def _bends(points: Iterable[Sequence[float]]) -> list[Sequence[float]]:
+    """Return points without those inside a level part of the line through them."""
+    kept: list[Sequence[float]] = []
+    for point in points:
+        if len(kept) > 1 and kept[-2][1] == kept[-1][1] == point[1] and point[0] >= kept[-1][0]:
+            kept.pop()
+        kept.append(point)
+    return kept
+
+
+def _tenths(count: int) -> str:
+    """Write a number of tenths for a path: `1.5`, `-.2`, `3`."""
+    whole, rest = divmod(abs(count), 10)
+    sign = "-" if count < 0 else ""
+    if rest == 0:
+        return f"{sign}{whole}"
+    return f"{sign}{whole or ''}.{rest}"
 
 
 #: Draws a picture on a canvas of some width, and sets its height.
@@ -152,6 +199,7 @@ class Figure:
             role="img",
             aria_labelledby=f"{name}-t {name}-d",
             data_time=canvas.time_axis,
+            text_anchor=_MIDDLE,
             class_="chart",
         )
 
@@ -236,6 +284,8 @@ def tag(name: str, content: str | Markup = "", **attributes: str | float) -> Mar
         else:
             written = f"{value:.1f}".removesuffix(".0")
         parts.append(f' {attribute}="{written}"')
+    if name in _SHAPES:
+        return Markup(f"<{name}{''.join(parts)}/>")
     if not isinstance(content, Markup):
         content = escape(shown(content))
     return Markup(f"<{name}{''.join(parts)}>{content}</{name}>")
@@ -285,7 +335,7 @@ class Frame:
         points = []
         for time, value in zip(times, values, strict=True):
             points.append((self.px(time), self.py(value)))
-        self.canvas.polyline(points, class_)
+        self.canvas.curve(points, class_)
 
     def level(self, value: float, class_: str) -> None:
         """Draw a horizontal line over the whole frame at a number of the y axis."""
