@@ -1,7 +1,7 @@
-"""The user's cache, such as `~/.cache/grade`: only the grader's own processes write it, and no sandbox sees it.
+"""Keeps slowly computed values, such as compiled patterns, in the user's cache.
 
-It has builds, and values that take longer to compute than to read. Whoever could write it could also name files of labs
-as known (see `grader.lab.kept_lab`), so its values are trusted as much as these.
+Only the grader's own processes write it, and no sandbox sees it. Its values are trusted like the hashes of known files of
+labs (see `grader.lab.kept_lab`): a program with access to one of them has access to both.
 """
 
 from __future__ import annotations
@@ -25,14 +25,6 @@ _MOST = 2000
 _PACKAGES = Path(__file__).parents[1]
 
 
-def cache_folder(name: str) -> Path:
-    """Return the folder of a cache of the user, such as `~/.cache/grade/interfaces`."""
-    chosen = os.environ.get("XDG_CACHE_HOME")
-    if not chosen:
-        chosen = os.environ.get("HOME", "/nowhere") + "/.cache"
-    return Path(chosen, "grade", name)
-
-
 def computed(kind: str, key: object, compute: Callable[[], T]) -> T:
     """Return a computed value, from the cache if it is there; it must be the same for each equal key.
 
@@ -41,7 +33,7 @@ def computed(kind: str, key: object, compute: Callable[[], T]) -> T:
     kind
         Name of the folder, such as `patterns`.
     key
-        All that the value depends on, with a `repr` that says so. The version of Python counts in any case.
+        Everything that decides about the value, distinguished by `repr`, besides the version of Python.
     """
     kept = recalled(kind, key)
     if kept is not None:
@@ -52,18 +44,19 @@ def computed(kind: str, key: object, compute: Callable[[], T]) -> T:
 
 
 def recalled(kind: str, key: object) -> object | None:
-    """Return a value of the cache; None without one, or without one of this user that can be read."""
+    """Return a value of the cache; None if it is missing, another user's, or unreadable."""
     try:
         with _path(kind, key).open("rb") as file:
             if os.fstat(file.fileno()).st_uid != os.geteuid():
                 return None
             return cast(object, pickle.load(file))
-    except Exception:  # Of a value that is cut short or no longer fits, each class has exceptions of its own.
+    # Each class has exceptions of its own for a value of another version.
+    except Exception:
         return None
 
 
 def keep(kind: str, key: object, value: object) -> None:
-    """Put a value into the cache, if that can be written."""
+    """Put a value into the cache, if the cache can be written."""
     path = _path(kind, key)
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -72,24 +65,37 @@ def keep(kind: str, key: object, value: object) -> None:
 
 
 def _path(kind: str, key: object) -> Path:
-    digest = hashlib.sha256(repr((sys.version, key)).encode("utf-8", "surrogateescape"))
-    return cache_folder(kind) / digest.hexdigest()[:40]
+    """Return the file of a value, such as `~/.cache/grade/patterns/0123abcd`."""
+    caches = os.environ.get("XDG_CACHE_HOME")
+    if not caches:
+        caches = os.environ.get("HOME", "/nowhere") + "/.cache"
+    stated = repr((sys.version, key))
+    digest = hashlib.sha256(stated.encode("utf-8", "surrogateescape"))
+    return Path(caches, "grade", kind, digest.hexdigest())
 
 
 def _shorten(folder: Path) -> None:
     """Remove the oldest half of too many values."""
-    if len(os.listdir(folder)) <= _MOST:
+    files = list(folder.iterdir())
+    if len(files) <= _MOST:
         return
-    aged = sorted((entry.stat().st_mtime_ns, entry.path) for entry in os.scandir(folder))
-    for _, path in aged[: _MOST // 2]:
+    files.sort(key=_changed_ns)
+    for file in files[: _MOST // 2]:
         with suppress(OSError):
-            os.unlink(path)
+            file.unlink()
+
+
+def _changed_ns(file: Path) -> int:
+    """Return the time of a file's last change; 0 if another process has removed it."""
+    with suppress(OSError):
+        return file.stat().st_mtime_ns
+    return 0
 
 
 @cache
 def state_of_code() -> str:
     """Return a hash of name, time and size of each module of the grader; Python finds changed modules by the same."""
-    states = []
+    states: list[tuple[str, int, int]] = []
     for package in ("grader", "launch_plan", "ros_bag"):
         states += _states(str(_PACKAGES / package))
     return hashlib.sha256(repr(sorted(states)).encode()).hexdigest()

@@ -22,7 +22,7 @@ from confine.scratch import scratch_prefix
 from grader.files import replace_files
 from grader.live.builds import colcon
 from grader.live.builds.colcon import Installed, Ran
-from grader.user_cache import cache_folder
+from grader.live.sandbox.cache import cache_folder
 from grader.live.sandbox.installation import Installation, wheels_of
 from grader.live.sandbox.room import WORKSPACE, StudentRoom, made_room
 from grader.recording.record import from_plain

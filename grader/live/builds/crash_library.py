@@ -11,7 +11,7 @@ from pathlib import Path
 from confine.helpers import find_tool, run_helper, search_path
 from confine.scratch import scratch_prefix
 from grader.files import replace_files
-from grader.user_cache import cache_folder
+from grader.live.sandbox.cache import cache_folder
 from grader.live.student_tap.crashes import LIBRARY, SOURCE
 
 _OPTIONS = ("-O1", "-shared", "-fPIC")

@@ -26,7 +26,7 @@ from confine.isolation import Isolation, free_slot
 from confine.room import TEMPORARY, Room
 from confine.running import run_confined
 from confine.scratch import remove_tree, scratch_prefix
-from grader.user_cache import cache_folder
+from grader.live.sandbox.cache import cache_folder
 from grader.live.sandbox.environment import own_ros
 from grader.live.sandbox.installation import wheels_of
 from grader.live.sandbox.room import HOME, INTERFACES, made_room

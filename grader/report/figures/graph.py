@@ -216,7 +216,8 @@ class _CallChart:
             x = frame.px(call.start_s)
             y = frame.py(min(call.latency_s, self.slowest_s))
             stems += f"M{x:.1f} {frame.bottom:.0f}V{y:.1f}"
-            if call.key[0] == _ACCEPTED:
+            style, _ = call.key
+            if style == _ACCEPTED:
                 accepted.append((x, y))
             else:
                 others.append((call, x, y))

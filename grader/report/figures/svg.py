@@ -27,6 +27,8 @@ LEFT, RIGHT, TOP, BOTTOM = 50, 14, 14, 44
 NARROW_POINTS = 120
 #: Points of a line in a wide picture; more cannot be told apart.
 MOST_POINTS = 300
+#: Distance in px from a straight line, up to which a point of a curve is left out, and most such points in a row.
+_BEND, _PASSED = 0.05, 5
 #: Anchor of texts, except where they say another.
 _MIDDLE = "middle"
 #: Elements without content.
@@ -81,8 +83,10 @@ class Canvas:
         self, x: float, y: float, content: str, anchor: str = _MIDDLE, class_: str = "tick"
     ) -> None:
         """Write a line of text; `anchor` is start, middle or end."""
-        anchored = {} if anchor == _MIDDLE else {"text_anchor": anchor}
-        self.add("text", content, x=x, y=y, **anchored, class_=class_)
+        attributes: dict[str, str | float] = {"x": x, "y": y}
+        if anchor != _MIDDLE:
+            attributes["text_anchor"] = anchor
+        self.add("text", content, **attributes, class_=class_)
 
     def horizontal(self, left: float, right: float, y: float, class_: str) -> None:
         """Draw a horizontal line."""
@@ -130,35 +134,68 @@ def _moves(points: Iterable[Sequence[float]], step: str, mark: str = "") -> str:
     command = "M"
     last_x = last_y = 0
     for x, y in points:
-        if not (math.isfinite(x) and math.isfinite(y)):
+        if not math.isfinite(x):
+            continue
+        if not math.isfinite(y):
             continue
         tenths_x = round(x * 10)
         tenths_y = round(y * 10)
         right = _tenths(tenths_x - last_x)
         down = _tenths(tenths_y - last_y)
-        gap = "" if down.startswith("-") else " "
-        steps.append(f"{command}{right}{gap}{down}{mark}")
-        last_x, last_y, command = tenths_x, tenths_y, step
+        between = f"{right} {down}".replace(" -", "-")
+        steps.append(f"{command}{between}{mark}")
+        last_x = tenths_x
+        last_y = tenths_y
+        command = step
     return "".join(steps)
 
 
 def _bends(points: Iterable[Sequence[float]]) -> list[Sequence[float]]:
-    """Return points without those inside a level part of the line through them."""
+    """Return points without those that the line through the others passes within a twentieth of a pixel."""
     kept: list[Sequence[float]] = []
+    passed: list[Sequence[float]] = []
     for point in points:
-        if len(kept) > 1 and kept[-2][1] == kept[-1][1] == point[1] and point[0] >= kept[-1][0]:
-            kept.pop()
-        kept.append(point)
+        if not kept:
+            kept.append(point)
+            continue
+        if not _passes(kept[-1], point, passed):
+            kept.append(passed[-1])
+            passed = []
+        passed.append(point)
+    kept += passed[-1:]
     return kept
+
+
+def _passes(
+    start: Sequence[float], end: Sequence[float], points: Sequence[Sequence[float]]
+) -> bool:
+    """Tell whether a straight line to the right passes a few points, or any number of a level line."""
+    width = end[0] - start[0]
+    rise = end[1] - start[1]
+    if not 0 < width < math.inf:
+        return not points
+    looked_at = points[-_PASSED:]
+    if rise:
+        looked_at = points
+        if len(points) > _PASSED:
+            return False
+    for x, y in looked_at:
+        share = (x - start[0]) / width
+        distance = abs(y - start[1] - share * rise)
+        if not 0 <= share <= 1:
+            return False
+        if not distance < _BEND:
+            return False
+    return True
 
 
 def _tenths(count: int) -> str:
     """Write a number of tenths for a path: `1.5`, `-.2`, `3`."""
-    whole, rest = divmod(abs(count), 10)
-    sign = "-" if count < 0 else ""
-    if rest == 0:
-        return f"{sign}{whole}"
-    return f"{sign}{whole or ''}.{rest}"
+    text = f"{count / 10:.1f}"
+    text = text.removesuffix(".0")
+    if abs(count) < 10:
+        text = text.replace("0.", ".")
+    return text
 
 
 #: Draws a picture on a canvas of some width, and sets its height.
