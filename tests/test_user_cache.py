@@ -20,7 +20,11 @@ def test_a_value_is_computed_once_for_each_key(tmp_path: Path) -> None:
     times: list[str] = []
 
     def ask(kind: str, key: str) -> str:
-        return computed(kind, key, lambda: times.append(key) or f"{kind} {key}")
+        def compute() -> str:
+            times.append(key)
+            return f"{kind} {key}"
+
+        return computed(kind, key, compute)
 
     answers = [ask("words", "a"), ask("words", "a"), ask("words", "b"), ask("numbers", "a")]
     assert answers == ["words a", "words a", "words b", "numbers a"]
@@ -51,5 +55,5 @@ def test_the_oldest_values_make_room(tmp_path: Path, monkeypatch: pytest.MonkeyP
     """A kind has a limited number of values."""
     monkeypatch.setattr(user_cache, "_MOST", 4)
     for number in range(5):
-        computed("numbers", number, lambda number=number: number)
+        computed("numbers", number, str)
     assert len(list((tmp_path / "grade/numbers").iterdir())) == 3
