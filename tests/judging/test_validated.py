@@ -37,7 +37,7 @@ def count_kinds(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
 
 def test_a_rubric_is_validated_once(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rubric of the cache equals that of a validation."""
+    """The rubric of the cache equals a validated one."""
     validations = count_kinds(monkeypatch)
     first = read_rubric(lab / "rubric.yaml")
     again = read_rubric(lab / "rubric.yaml")
