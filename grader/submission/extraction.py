@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import posixpath
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -24,7 +25,7 @@ from grader.errors import BoundError, SubmissionError
 from grader.lab.policy import SubmissionTime, latest
 from grader.recording.submission import Identity
 from grader.submission import file_names
-from grader.submission.beneath import open_regular_beneath
+from grader.submission.beneath import is_regular_beneath, open_regular_beneath
 from grader.submission.members import (
     HEAD_BYTES,
     Kind,
@@ -211,7 +212,7 @@ def open_submission(
     """Extract a submission (or `SubmissionSource.of` a path) while the context lasts.
 
     Of members with the same name the last counts, as for `unzip` and `tar`; of names that Windows and macOS cannot keep
-    apart, the first. Hard links in a tar are left out. A single archive without a program beside it is unpacked, also
+    apart, the first. A symbolic link to a file of the submission becomes a copy of it; other links are left out. A single archive without a program beside it is unpacked, also
     within an archive; other archives are left out.
 
     Raises
@@ -231,6 +232,7 @@ def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intak
         extraction.add_piece(piece, alone=len(source.pieces) == 1)
     for _ in range(_MOST_NESTED):
         extraction.unpack_single_archive()
+    extraction.add_linked_files()
     left_out = extraction.left_out()
     if not extraction.kept and left_out:
         first = "; ".join(left_out[:3])
@@ -267,6 +269,8 @@ class _Extraction:
         }
         self._has_programs = False
         self._archives: list[str] = []
+        #: Symbolic links, with their places.
+        self._links: list[tuple[Member, tuple[str, ...]]] = []
         self._partial = scratch / "partial"
         self._archive = scratch / "archive-0"
 
@@ -308,6 +312,24 @@ class _Extraction:
                 self._archive.unlink()
                 self._add_all(members_of_archive(file), timed=True)
 
+    def add_linked_files(self) -> None:
+        """Add a copy of each extracted file to which a symbolic link leads; other links are left out.
+
+        Targets are compared as texts with the extracted files, and no link is followed.
+        """
+        for link, parts in self._links:
+            above = "/".join(parts[:-1])
+            path = posixpath.normpath(posixpath.join(above, link.target))
+            try:
+                is_taken = file_names.collision_key(parts) in self.kept
+                if is_taken or not is_regular_beneath(self.folder, path):
+                    raise file_names.UnfitError(link.kind.value)
+                with (self.folder / path).open("rb") as file:
+                    pieces = partial(pieces_of, file)
+                    self._add(replace(link, kind=Kind.FILE, size_bytes=0, pieces=pieces), parts)
+            except file_names.UnfitError as reason:
+                self._note(link.name, str(reason))
+
     def left_out(self) -> tuple[str, ...]:
         """Return a line for each file that was left out; many files with one reason share a line."""
         reason = _WITHIN
@@ -344,6 +366,9 @@ class _Extraction:
     def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
         """Add a file, unless a tool or the system made it; returns whether it was added."""
         if self._is_made_by_tool(member, parts):
+            return False
+        if member.kind is Kind.LINK:
+            self._links.append((member, parts))
             return False
         self._require_fit(member, parts)
         pieces = member.pieces()
