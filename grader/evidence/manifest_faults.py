@@ -170,12 +170,14 @@ def undeclared_dependencies(
 
 
 def _modules(submission: SubmissionRecord, package: PackageFact) -> Iterator[tuple[str, str]]:
-    """Yield the Python files of a package, without its tests and launch files."""
+    """Yield the Python files of a package, without its tests, its launch files, and packages in its folder."""
     above = within(package, "")
+    folders = [within(each, "") for each in submission.packages]
+    inner = tuple(each for each in folders if each != above and each.startswith(above))
     for path, text in submission.texts.items():
         inside = path.removeprefix(above)
         is_module = path.startswith(above) and path.endswith(".py")
-        if is_launch_file(path):
+        if is_launch_file(path) or path.startswith(inner):
             continue
         if is_module and not inside.startswith(("test/", "launch/")):
             yield path, text

@@ -226,7 +226,10 @@ def _settle_links(prefix: Path) -> None:
 
 
 def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
-    """Copy files, open to the user of a sandbox."""
+    """Copy files, open to the user of a sandbox.
+
+    Archives of Windows lose the mode of a script, so that each file with a `#!` line is executable.
+    """
     target.mkdir()
     for name in sources:
         origin = folder / name
@@ -239,9 +242,15 @@ def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
         shutil.copyfile(origin, copy, follow_symlinks=False)
     for path in (target, *target.rglob("*")):
         mode = 0o666
-        if path.is_dir():
+        if path.is_dir() or _is_script(path):
             mode = 0o777
         path.chmod(mode)
+
+
+def _is_script(path: Path) -> bool:
+    """Return whether a file begins with a `#!` line."""
+    with path.open("rb") as file:
+        return file.read(2) == b"#!"
 
 
 def _parts_of(output: str) -> dict[str, tuple[str, str]]:
@@ -285,6 +294,7 @@ def _fact(
         return fact
     ended, output = parts.get(package.name, ("", ran.output))
     fact.output = _shortened(output)
+    is_in_another = package.name not in parts and _lies_in_package(room.areas[WORKSPACE] / folder)
     is_consistent = ran.status == 0 or any(word != "Finished" for word, _ in parts.values())
     if ended == "Finished" and is_consistent:
         fact.outcome = "built"
@@ -295,7 +305,7 @@ def _fact(
     elif ran.ended_by == "space":
         fact.outcome = "failed"
         fact.output = "The build wrote more files than fit into its workspace."
-    elif ended or ran.status:
+    elif (ended or ran.status) and not is_in_another:
         fact.outcome = "failed"
     else:
         fact.outcome = "ignored"
@@ -307,6 +317,11 @@ def _has_marker(folder: Path) -> bool:
     return os.path.lexists(folder / "COLCON_IGNORE")
 
 
+def _lies_in_package(folder: Path) -> bool:
+    """Return whether a folder lies below one with a package.xml, in which colcon searches no further."""
+    return any((above / "package.xml").is_file() for above in folder.parents)
+
+
 def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
     """Note the installed files of a package, and the executables that the system cannot start."""
     for file in files:
@@ -315,6 +330,8 @@ def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
             continue
         if not _can_start(file.head):
             fact.without_interpreter.append(file.path)
+        elif not file.is_executable:
+            fact.not_executable.append(file.path)
 
 
 def _can_start(head: bytes) -> bool:
