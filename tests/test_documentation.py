@@ -249,7 +249,7 @@ def test_the_example_of_an_oracle_gives_what_it_says() -> None:
 
 @pytest.mark.parametrize("picture", ["report.png", "report-dark.png"])
 def test_the_pictured_report_has_the_points_of_the_first_run(picture: str) -> None:
-    """`tools/site-pictures` notes the points of the pictured report; they are those of the output in start.md."""
+    """The points that `tools/site-pictures` notes in a picture stand in start.md too."""
     shown = re.search(r"^ +alice: .* ([\d.]+) / 100$", (ROOT / "docs/start.md").read_text(), re.M)
     assert shown is not None
     content = (ROOT / "docs/images" / picture).read_bytes()

@@ -80,7 +80,7 @@ def test_the_schema_accepts_the_documented_one(documented: Path) -> None:
 
 
 def test_the_linter_finds_no_danger(documented: Path) -> None:
-    """Zizmor has nothing to say about the workflows, the action, the template for students and that of the pages."""
+    """Zizmor has nothing to say about the workflows, the action, the template for students and the documented one."""
     files = [*FILES, ROOT / "action.yml", ROOT / "ci/github-workflow.yml", documented]
     command = [BIN / "zizmor", "--offline", "--quiet", "-c", ROOT / ".github/zizmor.yml", *files]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)

@@ -177,20 +177,30 @@ def _mode_fault(
 ) -> BuildFault | None:
     """Return the fault of scripts that CMake installs without the right to execute them; modules need no such right."""
     names = []
-    for path in map(PurePosixPath, sorted(build.not_executable)):
-        imports = re.compile(rf"^[ \t]*(?:from|import)[ \t]+\.?{re.escape(path.stem)}\b", re.M)
-        if not any(imports.search(text) for text in texts.values()):
-            names.append(path.name)
+    for path in sorted(build.not_executable):
+        script = PurePosixPath(path)
+        if not _is_imported(script.stem, texts):
+            names.append(script.name)
     if not names:
         return None
-    script = within(package, "CMakeLists.txt")
-    line = line_with(texts.get(script, ""), names[0], "install(FILES", "install(DIRECTORY")
+    place = within(package, "CMakeLists.txt")
+    line = line_with(texts.get(place, ""), names[0], "install(FILES", "install(DIRECTORY")
     message = (
         f"The package {package.name} installs {', '.join(names)} as files that are not executable, "
     )
     message += "so that `ros2 run` and `ros2 launch` find no such program."
     remedy = "Write install(PROGRAMS ... DESTINATION lib/${PROJECT_NAME}) for scripts instead of FILES or DIRECTORY."
-    return BuildFault(message, remedy, script, line)
+    return BuildFault(message, remedy, place, line)
+
+
+def _is_imported(module: str, texts: Mapping[str, str]) -> bool:
+    """Return whether a text imports a module by its name alone."""
+    pattern = rf"^[ \t]*(?:from|import)[ \t]+\.?{re.escape(module)}\b"
+    imports = re.compile(pattern, re.MULTILINE)
+    for text in texts.values():
+        if imports.search(text):
+            return True
+    return False
 
 
 # -- entry points ------------------------------------------------------------------------------------

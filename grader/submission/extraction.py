@@ -212,8 +212,8 @@ def open_submission(
     """Extract a submission (or `SubmissionSource.of` a path) while the context lasts.
 
     Of members with the same name the last counts, as for `unzip` and `tar`; of names that Windows and macOS cannot keep
-    apart, the first. A symbolic link to a file of the submission becomes a copy of it; other links are left out. A single archive without a program beside it is unpacked, also
-    within an archive; other archives are left out.
+    apart, the first. A symbolic link to a file of the submission becomes a copy of it; other links are left out. A single
+    archive without a program beside it is unpacked, also within an archive; other archives are left out.
 
     Raises
     ------
@@ -318,17 +318,24 @@ class _Extraction:
         Targets are compared as texts with the extracted files, and no link is followed.
         """
         for link, parts in self._links:
-            above = "/".join(parts[:-1])
-            path = posixpath.normpath(posixpath.join(above, link.target))
             try:
-                is_taken = file_names.collision_key(parts) in self.kept
-                if is_taken or not is_regular_beneath(self.folder, path):
-                    raise file_names.UnfitError(link.kind.value)
-                with (self.folder / path).open("rb") as file:
-                    pieces = partial(pieces_of, file)
-                    self._add(replace(link, kind=Kind.FILE, size_bytes=0, pieces=pieces), parts)
+                self._add_linked(link, parts)
             except file_names.UnfitError as reason:
                 self._note(link.name, str(reason))
+
+    def _add_linked(self, link: Member, parts: tuple[str, ...]) -> None:
+        """Add a copy of an extracted file in the place of a link to it, or raise UnfitError."""
+        above = "/".join(parts[:-1])
+        target = posixpath.join(above, link.target)
+        path = posixpath.normpath(target)
+        is_free = file_names.collision_key(parts) not in self.kept
+        is_file = is_regular_beneath(self.folder, path)
+        if not (is_free and is_file):
+            raise file_names.UnfitError(link.kind.value)
+        with (self.folder / path).open("rb") as file:
+            content = partial(pieces_of, file)
+            copy = replace(link, kind=Kind.FILE, size_bytes=0, pieces=content)
+            self._add(copy, parts)
 
     def left_out(self) -> tuple[str, ...]:
         """Return a line for each file that was left out; many files with one reason share a line."""
@@ -339,10 +346,12 @@ class _Extraction:
             self._note(name, reason)
         lines = []
         for reason, left_out in self._reasons.items():
-            shown = map(file_names.displayed, left_out[:_MOST_NAMED])
-            lines += [f"{name}: {reason}" for name in shown]
-            if len(left_out) > _MOST_NAMED:
-                lines.append(f"and {len(left_out) - _MOST_NAMED:,} more: {reason}")
+            for name in left_out[:_MOST_NAMED]:
+                shown = file_names.displayed(name)
+                lines.append(f"{shown}: {reason}")
+            more = len(left_out) - _MOST_NAMED
+            if more > 0:
+                lines.append(f"and {more:,} more: {reason}")
         return tuple(lines)
 
     def _note(self, name: str, reason: str) -> None:

@@ -228,7 +228,7 @@ def _settle_links(prefix: Path) -> None:
 def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
     """Copy files, open to the user of a sandbox.
 
-    Archives of Windows lose the mode of a script, so that each file with a `#!` line is executable.
+    Scripts with a `#!` line are made executable, because archives lose their modes.
     """
     target.mkdir()
     for name in sources:
@@ -241,16 +241,18 @@ def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(origin, copy, follow_symlinks=False)
     for path in (target, *target.rglob("*")):
-        mode = 0o666
-        if path.is_dir() or _is_script(path):
-            mode = 0o777
-        path.chmod(mode)
+        path.chmod(_mode_of(path))
 
 
-def _is_script(path: Path) -> bool:
-    """Return whether a file begins with a `#!` line."""
+def _mode_of(path: Path) -> int:
+    """Return the mode of a folder, a script or another file that is open to all."""
+    if path.is_dir():
+        return 0o777
     with path.open("rb") as file:
-        return file.read(2) == b"#!"
+        head = file.read(2)
+    if head == b"#!":
+        return 0o777
+    return 0o666
 
 
 def _parts_of(output: str) -> dict[str, tuple[str, str]]:
@@ -288,13 +290,11 @@ def _fact(
 ) -> BuildFact:
     """Return the build of a package, by the run of colcon and the files that it left."""
     fact = BuildFact(package.name, package.path, "not built")
-    folder = PurePosixPath("src", package.path)
-    if any(_has_marker(room.areas[WORKSPACE] / above) for above in (folder, *folder.parents)):
+    if _is_skipped(package, parts, room):
         fact.outcome = "ignored"
         return fact
     ended, output = parts.get(package.name, ("", ran.output))
     fact.output = _shortened(output)
-    is_in_another = package.name not in parts and _lies_in_package(room.areas[WORKSPACE] / folder)
     is_consistent = ran.status == 0 or any(word != "Finished" for word, _ in parts.values())
     if ended == "Finished" and is_consistent:
         fact.outcome = "built"
@@ -305,21 +305,28 @@ def _fact(
     elif ran.ended_by == "space":
         fact.outcome = "failed"
         fact.output = "The build wrote more files than fit into its workspace."
-    elif (ended or ran.status) and not is_in_another:
+    elif ended or ran.status:
         fact.outcome = "failed"
     else:
         fact.outcome = "ignored"
     return fact
 
 
-def _has_marker(folder: Path) -> bool:
-    """Return whether colcon skips a folder and everything below it."""
-    return os.path.lexists(folder / "COLCON_IGNORE")
-
-
-def _lies_in_package(folder: Path) -> bool:
-    """Return whether a folder lies below one with a package.xml, in which colcon searches no further."""
-    return any((above / "package.xml").is_file() for above in folder.parents)
+def _is_skipped(
+    package: PackageFact, parts: Mapping[str, tuple[str, str]], room: StudentRoom
+) -> bool:
+    """Return whether colcon skips a package: below a COLCON_IGNORE, or inside another package."""
+    workspace = room.areas[WORKSPACE]
+    folder = PurePosixPath("src", package.path)
+    for above in (folder, *folder.parents):
+        if os.path.lexists(workspace / above / "COLCON_IGNORE"):
+            return True
+    if package.name in parts:
+        return False
+    for above in folder.parents:
+        if os.path.lexists(workspace / above / "package.xml"):
+            return True
+    return False
 
 
 def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
