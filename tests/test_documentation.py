@@ -245,3 +245,14 @@ def test_the_example_of_an_oracle_gives_what_it_says() -> None:
     stream = SimpleNamespace(source_ns=np.array([10, 20]), values=np.array([[1.5], [2.0]]))
     found = names["doubled"]({"input": stream}, {}, 0)  # type: ignore[operator]
     assert [(span["start_ns"], span["value"]) for span in found] == [(10, 3.0), (20, 4.0)]
+
+
+@pytest.mark.parametrize("picture", ["report.png", "report-dark.png"])
+def test_the_pictured_report_has_the_points_of_the_first_run(picture: str) -> None:
+    """The points that `tools/site-pictures` notes in a picture stand in start.md too."""
+    shown = re.search(r"^ +alice: .* ([\d.]+) / 100$", (ROOT / "docs/start.md").read_text(), re.M)
+    assert shown is not None
+    content = (ROOT / "docs/images" / picture).read_bytes()
+    pictured = re.search(rb"tEXtPoints\0([\d.]+)", content)
+    assert pictured is not None
+    assert pictured[1].decode() == shown[1]

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.documentation import blocks
 from tests.packages import ROOT
 
 FOLDER = ROOT / ".github/workflows"
@@ -60,9 +61,27 @@ def test_the_schema_accepts_them(schema: str) -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_the_linter_finds_no_danger() -> None:
-    """Zizmor has nothing to say about the workflows, the action and the template for students."""
-    files = [*FILES, ROOT / "action.yml", ROOT / "ci/github-workflow.yml"]
+@pytest.fixture
+def documented(tmp_path: Path) -> Path:
+    """Give the workflow of the pages, for a job from the wheel alone."""
+    (block,) = blocks(ROOT / "docs/ci.md", "yaml")[:1]
+    assert block.title == ".github/workflows/grade.yml"
+    file = tmp_path / block.title
+    file.parent.mkdir(parents=True)
+    file.write_text(block.text, encoding="utf-8")
+    return file
+
+
+def test_the_schema_accepts_the_documented_one(documented: Path) -> None:
+    """The workflow of the pages satisfies the published schema too."""
+    command = [BIN / "check-jsonschema", "--builtin-schema", "vendor.github-workflows", documented]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_linter_finds_no_danger(documented: Path) -> None:
+    """Zizmor has nothing to say about the workflows, the action, the template for students and the documented one."""
+    files = [*FILES, ROOT / "action.yml", ROOT / "ci/github-workflow.yml", documented]
     command = [BIN / "zizmor", "--offline", "--quiet", "-c", ROOT / ".github/zizmor.yml", *files]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout

@@ -324,6 +324,10 @@ _REMEDIES = (
         "Correct the syntax of the file; `python3 setup.py --version` shows the error.",
     ),
     (
+        r"^configparser\.",
+        "Correct setup.cfg: it begins with `[develop]`, and its encoding is UTF-8 without a byte order mark (BOM).",
+    ),
+    (
         r"name 'find_packages' is not defined",
         "Write `from setuptools import find_packages, setup`.",
     ),

@@ -29,6 +29,8 @@ def executables_in(build: BuildFact) -> set[str]:
     found = set()
     for path in build.installed:
         name = path.removeprefix(folder)
+        if path in build.not_executable:
+            continue
         if path.startswith(folder) and "/" not in name:
             found.add(name)
     return found
@@ -49,7 +51,7 @@ def use_fault(
     package: PackageFact, build: BuildFact, texts: Mapping[str, str]
 ) -> BuildFault | None:
     """Return the fault of a built package that `ros2 run` and `ros2 launch` do not find, or with lost executables."""
-    for look in (_unseen_fault, _name_fault, _placement_fault):
+    for look in (_unseen_fault, _name_fault, _placement_fault, _mode_fault):
         fault = look(package, build, texts)
         if fault is not None:
             return fault
@@ -168,6 +170,37 @@ def _placement_fault(
         cause = "there is no setup.cfg"
     line = line_with(texts.get(place, ""), folder)
     return BuildFault(f"{message}: {cause}.", remedy, place, line)
+
+
+def _mode_fault(
+    package: PackageFact, build: BuildFact, texts: Mapping[str, str]
+) -> BuildFault | None:
+    """Return the fault of scripts that CMake installs without the right to execute them; modules need no such right."""
+    names = []
+    for path in sorted(build.not_executable):
+        script = PurePosixPath(path)
+        if not _is_imported(script.stem, texts):
+            names.append(script.name)
+    if not names:
+        return None
+    place = within(package, "CMakeLists.txt")
+    line = line_with(texts.get(place, ""), names[0], "install(FILES", "install(DIRECTORY")
+    message = (
+        f"The package {package.name} installs {', '.join(names)} as files that are not executable, "
+    )
+    message += "so that `ros2 run` and `ros2 launch` find no such program."
+    remedy = "Write install(PROGRAMS ... DESTINATION lib/${PROJECT_NAME}) for scripts instead of FILES or DIRECTORY."
+    return BuildFault(message, remedy, place, line)
+
+
+def _is_imported(module: str, texts: Mapping[str, str]) -> bool:
+    """Return whether a text imports a module by its name alone."""
+    pattern = rf"^[ \t]*(?:from|import)[ \t]+\.?{re.escape(module)}\b"
+    imports = re.compile(pattern, re.MULTILINE)
+    for text in texts.values():
+        if imports.search(text):
+            return True
+    return False
 
 
 # -- entry points ------------------------------------------------------------------------------------

@@ -170,12 +170,27 @@ def undeclared_dependencies(
 
 
 def _modules(submission: SubmissionRecord, package: PackageFact) -> Iterator[tuple[str, str]]:
-    """Yield the Python files of a package, without its tests and launch files."""
+    """Yield the Python files of a package, without its tests, its launch files, and packages in its folder."""
     above = within(package, "")
+    inner = []
+    for each in submission.packages:
+        if within(each, "") != above:
+            inner.append(within(each, ""))
     for path, text in submission.texts.items():
         inside = path.removeprefix(above)
         is_module = path.startswith(above) and path.endswith(".py")
         if is_launch_file(path):
             continue
+        if _lies_below(path, inner, above):
+            continue
         if is_module and not inside.startswith(("test/", "launch/")):
             yield path, text
+
+
+def _lies_below(path: str, folders: Iterable[str], above: str) -> bool:
+    """Return whether a path is in one of the folders inside another folder."""
+    for folder in folders:
+        if folder.startswith(above):
+            if path.startswith(folder):
+                return True
+    return False

@@ -49,7 +49,10 @@ def from_plain(kind: type[T], plain: Any) -> T:
     if unknown:
         raise ValueError(f"{kind.__name__}: unknown key {min(unknown)!r}")
     try:
-        values = {name: readers[name](value) for name, value in plain.items()}
+        values = {}
+        for name, value in plain.items():
+            read = readers[name]
+            values[name] = read(value)
         return kind(**values)
     except TypeError as problem:
         raise ValueError(f"{kind.__name__}: {problem}") from problem

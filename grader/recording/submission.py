@@ -143,6 +143,8 @@ class BuildFact:
     installed: list[str] = field(default_factory=list)
     #: Installed executables that the system cannot start, because they have no `#!` line.
     without_interpreter: list[str] = field(default_factory=list)
+    #: Installed scripts that `ros2 run` does not find, because their mode forbids to execute them.
+    not_executable: list[str] = field(default_factory=list)
 
 
 @dataclass

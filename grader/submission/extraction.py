@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import posixpath
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -24,7 +25,7 @@ from grader.errors import BoundError, SubmissionError
 from grader.lab.policy import SubmissionTime, latest
 from grader.recording.submission import Identity
 from grader.submission import file_names
-from grader.submission.beneath import open_regular_beneath
+from grader.submission.beneath import is_regular_beneath, open_regular_beneath
 from grader.submission.members import (
     HEAD_BYTES,
     Kind,
@@ -211,8 +212,8 @@ def open_submission(
     """Extract a submission (or `SubmissionSource.of` a path) while the context lasts.
 
     Of members with the same name the last counts, as for `unzip` and `tar`; of names that Windows and macOS cannot keep
-    apart, the first. Hard links in a tar are left out. A single archive without a program beside it is unpacked, also
-    within an archive; other archives are left out.
+    apart, the first. A symbolic link to a file of the submission becomes a copy of it; other links are left out. A single
+    archive without a program beside it is unpacked, also within an archive; other archives are left out.
 
     Raises
     ------
@@ -231,6 +232,7 @@ def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intak
         extraction.add_piece(piece, alone=len(source.pieces) == 1)
     for _ in range(_MOST_NESTED):
         extraction.unpack_single_archive()
+    extraction.add_linked_files()
     left_out = extraction.left_out()
     if not extraction.kept and left_out:
         first = "; ".join(left_out[:3])
@@ -267,6 +269,8 @@ class _Extraction:
         }
         self._has_programs = False
         self._archives: list[str] = []
+        #: Symbolic links, with their places.
+        self._links: list[tuple[Member, tuple[str, ...]]] = []
         self._partial = scratch / "partial"
         self._archive = scratch / "archive-0"
 
@@ -308,6 +312,31 @@ class _Extraction:
                 self._archive.unlink()
                 self._add_all(members_of_archive(file), timed=True)
 
+    def add_linked_files(self) -> None:
+        """Add a copy of each extracted file to which a symbolic link leads; other links are left out.
+
+        Targets are compared as texts with the extracted files, and no link is followed.
+        """
+        for link, parts in self._links:
+            try:
+                self._add_linked(link, parts)
+            except file_names.UnfitError as reason:
+                self._note(link.name, str(reason))
+
+    def _add_linked(self, link: Member, parts: tuple[str, ...]) -> None:
+        """Add a copy of an extracted file in the place of a link to it, or raise UnfitError."""
+        above = "/".join(parts[:-1])
+        target = posixpath.join(above, link.target)
+        path = posixpath.normpath(target)
+        is_free = file_names.collision_key(parts) not in self.kept
+        is_file = is_regular_beneath(self.folder, path)
+        if not (is_free and is_file):
+            raise file_names.UnfitError(link.kind.value)
+        with (self.folder / path).open("rb") as file:
+            content = partial(pieces_of, file)
+            copy = replace(link, kind=Kind.FILE, size_bytes=0, pieces=content)
+            self._add(copy, parts)
+
     def left_out(self) -> tuple[str, ...]:
         """Return a line for each file that was left out; many files with one reason share a line."""
         reason = _WITHIN
@@ -317,10 +346,12 @@ class _Extraction:
             self._note(name, reason)
         lines = []
         for reason, left_out in self._reasons.items():
-            shown = map(file_names.displayed, left_out[:_MOST_NAMED])
-            lines += [f"{name}: {reason}" for name in shown]
-            if len(left_out) > _MOST_NAMED:
-                lines.append(f"and {len(left_out) - _MOST_NAMED:,} more: {reason}")
+            for name in left_out[:_MOST_NAMED]:
+                shown = file_names.displayed(name)
+                lines.append(f"{shown}: {reason}")
+            more = len(left_out) - _MOST_NAMED
+            if more > 0:
+                lines.append(f"and {more:,} more: {reason}")
         return tuple(lines)
 
     def _note(self, name: str, reason: str) -> None:
@@ -344,6 +375,9 @@ class _Extraction:
     def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
         """Add a file, unless a tool or the system made it; returns whether it was added."""
         if self._is_made_by_tool(member, parts):
+            return False
+        if member.kind is Kind.LINK:
+            self._links.append((member, parts))
             return False
         self._require_fit(member, parts)
         pieces = member.pieces()

@@ -65,6 +65,8 @@ class Member:
     size_bytes: int = 0
     #: Time on the packing machine, without offset from UTC if only its local time is known.
     modified: datetime | None = None
+    #: The target of a symbolic link; untrusted.
+    target: str = ""
     #: Returns the content, piece by piece; valid until the next member is read.
     pieces: Callable[[], Iterator[bytes]] = lambda: iter(())
 
@@ -123,7 +125,7 @@ def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Memb
                 size = os.fstat(file.fileno()).st_size
                 yield Member(path, Kind.FILE, size, pieces=partial(pieces_of, file))
         elif stat.S_ISLNK(mode):
-            yield Member(path, Kind.LINK)
+            yield Member(path, Kind.LINK, target=os.readlink(name, dir_fd=folder))
         elif not stat.S_ISDIR(mode):
             yield Member(path, Kind.SPECIAL)
         else:
@@ -217,7 +219,12 @@ def _members_of_zip(file: BinaryIO) -> Iterator[Member]:
     with zipfile.ZipFile(file) as archive:
         for info in archive.infolist():
             pieces = partial(_pieces, partial(_open_zipped, archive, info))
-            yield Member(zip_name(info), _zip_kind(info), info.file_size, _zip_time(info), pieces)
+            kind = _zip_kind(info)
+            target = ""
+            if kind is Kind.LINK:
+                target = next(pieces(), b"").decode("utf-8", "replace")
+            time = _zip_time(info)
+            yield Member(zip_name(info), kind, info.file_size, time, target, pieces)
 
 
 def _open_zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> IO[bytes]:
@@ -278,7 +285,9 @@ def _members_of_tar(stream: IO[bytes]) -> Iterator[Member]:
                 raise ValueError("a file has a negative size")
             _require_at_most(archive.offset)
             pieces = partial(_pieces, partial(archive.extractfile, info))
-            yield Member(info.name, _tar_kind(info), info.size, _utc(info.mtime), pieces)
+            kind = _tar_kind(info)
+            time = _utc(info.mtime)
+            yield Member(info.name, kind, info.size, time, info.linkname, pieces)
         # Zeros follow the last file; the rest up to the packed data's checksum is read too.
         stream.seek(archive.offset)
         if stream.read(tarfile.BLOCKSIZE).strip(b"\0"):

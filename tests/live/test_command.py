@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from tests.live.sample import ALICE, Graded, grade
+from tests.live.sample import ALICE, ROOT, Graded, grade
 from tests.plain_results import checks_of
 
 pytestmark = pytest.mark.live
@@ -52,6 +52,8 @@ def test_the_sample_is_graded(alice: Graded) -> None:
     assert result["score"]["earned"] < 90
     assert result["score"]["earned"] + result["score"]["undecided"] > 80, result["problems"]
     assert f"{result['score']['earned']:g}" in alice.output
+    if not result["score"]["undecided"]:
+        assert f"{result['score']['earned']:g} / 100" in (ROOT / "docs/start.md").read_text()
     assert "report.html" in alice.output
 
 

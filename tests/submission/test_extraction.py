@@ -6,6 +6,7 @@ import gzip
 import io
 import os
 import shutil
+import stat
 import tarfile
 import tempfile
 import unicodedata
@@ -224,7 +225,7 @@ def test_what_tools_made_is_left_out_in_a_line_each(form: str, tmp_path: Path) -
 
 
 def test_links_are_left_out_and_never_followed(tmp_path: Path) -> None:
-    """Links to files and folders, also to themselves and to nowhere, are listed."""
+    """Links to other files and to folders, also to themselves and to nowhere, are listed."""
     secret = lay_out(tmp_path, {"secret.py": b"secret"}) / "secret.py"
     folder = lay_out(tmp_path / "ann", {"a.py": b"1"})
     targets = {
@@ -241,6 +242,42 @@ def test_links_are_left_out_and_never_followed(tmp_path: Path) -> None:
     assert sorted(left_out) == sorted(f"{name}: a symbolic link" for name in targets)
 
 
+@pytest.mark.parametrize("form", ["folder", "tar", "zip"])
+def test_a_link_to_a_file_of_the_submission_is_a_copy_of_it(form: str, tmp_path: Path) -> None:
+    """Links by relative paths are followed within the submission, also to another link, and never above it."""
+    folder = lay_out(tmp_path / "ann", {"nodes/a.py": b"1", "pkg/b.py": b"2"})
+    inside = {"pkg/a.py": "../nodes/a.py", "pkg/again.py": "a.py", "b.py": "pkg/../pkg/b.py"}
+    outside = {"pkg/up.py": "../../ann/pkg/b.py", "whole": "pkg", "pkg/loop.py": "loop.py"}
+    for name, target in {**inside, **outside}.items():
+        (folder / name).symlink_to(target)
+    (tmp_path / "b.py").write_bytes(b"secret")
+    files, left_out = take(packed_with_links(form, folder))
+    wanted = {"nodes/a.py": b"1", "pkg/a.py": b"1", "pkg/again.py": b"1"}
+    assert files == wanted | {"pkg/b.py": b"2", "b.py": b"2"}
+    assert sorted(left_out) == sorted(f"{name}: a symbolic link" for name in outside)
+
+
+def packed_with_links(form: str, folder: Path) -> Path:
+    """Pack a folder with its links; a zip by the mode of its members, as `zip --symlinks` does."""
+    if form == "folder":
+        return folder
+    archive = folder.with_suffix(f".{form}")
+    if form != "zip":
+        with tarfile.open(archive, "w") as tar:
+            for path in sorted(folder.iterdir()):
+                tar.add(path, path.name)
+        return archive
+    with zipfile.ZipFile(archive, "w") as packed:
+        for path in sorted(folder.rglob("*")):
+            info = zipfile.ZipInfo(path.relative_to(folder).as_posix())
+            if path.is_symlink():
+                info.external_attr = (stat.S_IFLNK | 0o777) << 16
+                packed.writestr(info, str(path.readlink()))
+            elif path.is_file():
+                packed.writestr(info, path.read_bytes())
+    return archive
+
+
 def test_links_in_a_tar_lead_nowhere(tmp_path: Path) -> None:
     """A file below a link to a folder elsewhere lands in a folder of its own."""
     link, hard = tarfile.TarInfo("out"), tarfile.TarInfo("hard.py")
@@ -255,7 +292,7 @@ def test_links_in_a_tar_lead_nowhere(tmp_path: Path) -> None:
     )
     files, left_out = take(tmp_path / "ann.tar")
     assert files == {"a.py": b"1", "out/b.py": b"2"}
-    assert left_out == ("out: a symbolic link", "hard.py: a hard link")
+    assert left_out == ("hard.py: a hard link", "out: a symbolic link")
     assert not (tmp_path / "b.py").exists()
 
 

@@ -226,7 +226,10 @@ def _settle_links(prefix: Path) -> None:
 
 
 def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
-    """Copy files, open to the user of a sandbox."""
+    """Copy files, open to the user of a sandbox.
+
+    Scripts with a `#!` line are made executable, because archives lose their modes.
+    """
     target.mkdir()
     for name in sources:
         origin = folder / name
@@ -238,10 +241,18 @@ def _copy(folder: Path, sources: Iterable[str], target: Path) -> None:
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(origin, copy, follow_symlinks=False)
     for path in (target, *target.rglob("*")):
-        mode = 0o666
-        if path.is_dir():
-            mode = 0o777
-        path.chmod(mode)
+        path.chmod(_mode_of(path))
+
+
+def _mode_of(path: Path) -> int:
+    """Return the mode of a folder, a script or another file that is open to all."""
+    if path.is_dir():
+        return 0o777
+    with path.open("rb") as file:
+        head = file.read(2)
+    if head == b"#!":
+        return 0o777
+    return 0o666
 
 
 def _parts_of(output: str) -> dict[str, tuple[str, str]]:
@@ -279,8 +290,7 @@ def _fact(
 ) -> BuildFact:
     """Return the build of a package, by the run of colcon and the files that it left."""
     fact = BuildFact(package.name, package.path, "not built")
-    folder = PurePosixPath("src", package.path)
-    if any(_has_marker(room.areas[WORKSPACE] / above) for above in (folder, *folder.parents)):
+    if _is_skipped(package, parts, room):
         fact.outcome = "ignored"
         return fact
     ended, output = parts.get(package.name, ("", ran.output))
@@ -302,9 +312,21 @@ def _fact(
     return fact
 
 
-def _has_marker(folder: Path) -> bool:
-    """Return whether colcon skips a folder and everything below it."""
-    return os.path.lexists(folder / "COLCON_IGNORE")
+def _is_skipped(
+    package: PackageFact, parts: Mapping[str, tuple[str, str]], room: StudentRoom
+) -> bool:
+    """Return whether colcon skips a package: below a COLCON_IGNORE, or inside another package."""
+    workspace = room.areas[WORKSPACE]
+    folder = PurePosixPath("src", package.path)
+    for above in (folder, *folder.parents):
+        if os.path.lexists(workspace / above / "COLCON_IGNORE"):
+            return True
+    if package.name in parts:
+        return False
+    for above in folder.parents:
+        if os.path.lexists(workspace / above / "package.xml"):
+            return True
+    return False
 
 
 def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
@@ -315,6 +337,8 @@ def _note_installed(fact: BuildFact, files: Iterable[Installed]) -> None:
             continue
         if not _can_start(file.head):
             fact.without_interpreter.append(file.path)
+        elif not file.is_executable:
+            fact.not_executable.append(file.path)
 
 
 def _can_start(head: bytes) -> bool:

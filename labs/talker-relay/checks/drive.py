@@ -33,7 +33,7 @@ def drives(context: Context, p: Parameters) -> Finding:
     expected = "a speed and a steering angle other than zero"
     messages = context.messages(p.topic, window=p.window)
     if not len(messages):
-        reason = "No drive command came while both nodes ran."
+        reason = "The launched nodes sent no drive command."
         return context.charge(failed(expected, "no messages", reason), None, [p.silence_charged_by])
     left_out = _left_out(context, p.plan)
     parts = []
