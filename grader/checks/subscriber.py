@@ -70,6 +70,9 @@ class TopicsSubscribed(OfEndpoint):
         None,
         description="Session of the launch file; if it gives the node the right topics, the rest earns all.",
     )
+    launched_by: ref.Artifact | None = Field(
+        None, description="The launch file of that session. A missing one repairs nothing."
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the subscriptions."""
@@ -109,9 +112,11 @@ def _with_less_for_the_rest(context: Context, p: TopicsSubscribed, finding: Find
 def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
     """Tell whether the launch file, by its remappings, gives a node subscriptions on all wanted topics.
 
-    True as well if its session was not recorded.
+    True as well if its session was not recorded, though the file is there.
     """
     if p.launched_in is None:
+        return False
+    if p.launched_by is not None and context.path_of(p.launched_by) is None:
         return False
     launched = context.sessions.get(p.launched_in)
     if launched is None:

@@ -838,10 +838,11 @@ def _of_reported_only(
     )
 
 
-#: Largest relative difference between the printed size and the size in a history with empty entries.
-_SAME_SIZE = 0.04
-#: Least ratio of the two sizes at which the history is too full to tell.
-_NEARLY_FULL = 0.9
+#: Largest relative difference between the printed size and the size in a history with empty entries. The reports tell
+#: the RMS exactly; the mean depends on the order in which commands and states arrived.
+_SAME_SIZE = {"mean": 0.35, "rms": 0.04}
+#: Largest filled share of a history that these differences distinguish from a full one.
+_MOST_FILLED = {"mean": 0.5, "rms": 0.8}
 
 
 def _unfilled_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
@@ -859,14 +860,15 @@ def _unfilled_when_shorter(context: Context, p: ReportedStatistics, shorter: Sho
         if size is None:
             continue
         filled = len(values) / p.parameters["history"]
+        if filled > _MOST_FILLED[p.key]:
+            continue
         if p.key == "mean":
             own = float(np.mean(np.abs(printed.values)))
+            diluted = size * filled
         else:
             own = _root_mean_square(printed.values)
-            filled = math.sqrt(filled)
-        if own >= _NEARLY_FULL * size:
-            continue
-        if math.isclose(own, size * filled, rel_tol=_SAME_SIZE):
+            diluted = size * math.sqrt(filled)
+        if math.isclose(own, diluted, rel_tol=_SAME_SIZE[p.key]):
             stopped = f"In the session '{shorter.session}' it was stopped after {len(values)} reports"
             compared = f"their {p.label} over all joints is {size:.4f}, that of the printed numbers {own:.4f}"
             return f"{stopped}; {compared}: empty entries of the history are counted as zeros."
