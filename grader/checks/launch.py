@@ -1255,7 +1255,9 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
 
 #: Instruction for a launch file that moves endpoints.
 _STAY = "Take the namespace or the remapping out of the launch file, or begin the name in the program with '/'."
-_MOVES = "A namespace moves each name without a leading '/', and a remapping the names that it lists."
+_MOVES = (
+    "A namespace moves each name without a leading '/', and a remapping the names that it lists."
+)
 
 
 def _topic_of(p: LaunchTogether) -> str | None:
@@ -1284,40 +1286,55 @@ def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
 
 
 def _moved_nodes(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
-    """Charge all of the credit for each running node with an endpoint that the launch file moves to where nothing is."""
+    """Charge all of the credit for each running node with an endpoint that the launch file moves away."""
     plan = _read_plan(context.session.record.plan)
     costs = []
     for staying in p.stays:
-        alone = context.sessions.get(staying.alone_session)
         entry = _entry_for(context, plan, staying.node)
-        if alone is None or entry is None or _died(context, entry):
+        if entry is None:
             continue
-        missing = []
-        for name in (*staying.subscriptions, *staying.services):
-            kind = "service" if name in staying.services else "subscription"
-            by_hand = _names_in(context, alone, kind).intersection((name, alone.used(name)))
-            launched = _names_in(context, context.session, kind)
-            if by_hand and launched and launched.isdisjoint((name, *by_hand)):
-                missing.append(name)
-        if missing:
-            reason = f"Launched, {_short(staying.node)} is not on {', '.join(missing)}, and alone it is. "
+        if _died(context, entry):
+            continue
+        moved = _moved_away(context, staying, "subscription", staying.subscriptions)
+        moved += _moved_away(context, staying, "service", staying.services)
+        if moved:
+            reason = (
+                f"Launched, {_short(staying.node)} is not on {', '.join(moved)}, and alone it is. "
+            )
             costs.append((1.0, reason + _MOVES))
     return costs
 
 
+def _moved_away(
+    context: Context, staying: StayingNode, kind: str, names: Sequence[str]
+) -> list[str]:
+    """Return the wanted names of endpoints that a node has alone, and no launched node has."""
+    alone = context.sessions.get(staying.alone_session)
+    if alone is None:
+        return []
+    launched = _names_in(context, context.session, kind)
+    if not launched:
+        return []
+    moved = []
+    for name in names:
+        by_hand = _names_in(context, alone, kind) & {name, alone.used(name)}
+        right = by_hand | {name}
+        if by_hand and launched.isdisjoint(right):
+            moved.append(name)
+    return moved
+
+
 def _names_in(context: Context, recorded: Recorded, kind: str) -> set[str]:
-    """Return the names of the student's endpoints of a kind, in all graphs of a session."""
+    """Return the names of the student's subscriptions or services in all graphs of a session."""
     names = set()
     for graph in recorded.record.graph:
+        for service in graph.services:
+            if kind == "service":
+                names.add((service.name, service.node))
         for endpoint in graph.endpoints:
-            if endpoint.kind == kind and endpoint.node not in context.reference_nodes:
-                names.add(endpoint.topic)
-        if kind != "service":
-            continue
-        for offer in graph.services:
-            if offer.node not in context.reference_nodes:
-                names.add(offer.name)
-    return names
+            if endpoint.kind == kind:
+                names.add((endpoint.topic, endpoint.node))
+    return {name for name, node in names if node not in context.reference_nodes}
 
 
 def _whole(context: Context, p: LaunchTogether, span: Span | None) -> Span | None:

@@ -116,17 +116,22 @@ def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
     """
     if p.launched_in is None:
         return False
-    if p.launched_by is not None and context.path_of(p.launched_by) is None:
-        return False
     launched = context.sessions.get(p.launched_in)
     if launched is None:
-        return True
+        return _is_handed_in(context, p.launched_by)
     for wanted in p.topics:
         found = launched.endpoints_on(wanted.topic, "subscription", context.reference_nodes)
         fitting = [each for each in found if _is_heard(p, wanted, each)]
         if not fitting:
             return False
     return True
+
+
+def _is_handed_in(context: Context, artifact: str | None) -> bool:
+    """Tell whether the file of an artifact is there; True if none is named."""
+    if artifact is None:
+        return True
+    return context.path_of(artifact) is not None
 
 
 def _is_heard(p: TopicsSubscribed, wanted: WantedTopic, endpoint: Endpoint) -> bool:

@@ -356,7 +356,7 @@ def _less_for_useless(
         topics = ", ".join(wanted.topic for wanted in swapped)
         reason = f"The reliabilities of {topics} are swapped, so that each name stands for the opposite."
         reason = f"{reason} {less[0].reason}".strip()
-        limited = [replace(part, share=min(part.share, p.swapped_credit)) for part in less]
+        limited = _limited(less, p.swapped_credit, "")
         return [replace(limited[0], reason=reason), *limited[1:]]
     reason = f"Messages can arrive on {useful} of {count} topics, which is too few to compare."
     return _limited(less, 0.0, reason)
@@ -371,9 +371,10 @@ def _swapped(p: QosProfiles, sides: _Sides) -> list[WantedProfile]:
         values = both[0].values("reliability") + both[1].values("reliability")
         if values and wanted.reliability not in values:
             found.append(wanted)
-    if len({wanted.reliability for wanted in found}) < 2:
-        return []
-    return found
+    for wanted in found[1:]:
+        if wanted.reliability != found[0].reliability:
+            return found
+    return []
 
 
 def _limited(parts: list[Part], share: float, reason: str) -> list[Part]:

@@ -267,7 +267,7 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
 
 
 def _misleading(context: Context, p: CallGated, gate: _Gate) -> Answer:
-    """Return the first answer with a message that tells the opposite of the state; None if all are right."""
+    """Return the first answer with a message of the opposite state; None if all are right."""
     refusals = [gate.off, gate.off_from_start]
     if p.enabled_step is not None:
         refusals.append(_answer_to(context, p.enabled_step))

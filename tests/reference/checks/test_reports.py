@@ -560,9 +560,7 @@ def test_empty_entries_of_a_history_are_no_errors(
 
 
 @pytest.mark.parametrize(("filled", "credit"), [(1.0, "1"), (0.7, "1"), (0.4, "0")])
-def test_a_mean_counts_no_empty_entries_either(
-    tmp_path: Path, filled: float, credit: str
-) -> None:
+def test_a_mean_counts_no_empty_entries_either(tmp_path: Path, filled: float, credit: str) -> None:
     """Its size follows from the messages of the shorter run: 40 of them fill two fifths of a history of 100."""
     session = with_reports(*stimulus(tmp_path / "whole"))
     mean = float(np.abs(history(100)).mean())
