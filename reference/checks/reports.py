@@ -839,7 +839,7 @@ def _of_reported_only(
 
 
 #: Largest relative difference between the printed size and the size in a history with empty entries. The reports tell
-#: the RMS exactly; the mean depends on the order in which commands and states arrived.
+#: the RMS exactly; the mean depends on the order of arrival of commands and states.
 _SAME_SIZE = {"mean": 0.35, "rms": 0.04}
 #: Largest filled share of a history for a clear difference from a full one.
 _MOST_FILLED = {"mean": 0.5, "rms": 0.8}
