@@ -118,7 +118,7 @@ def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
         return False
     launched = context.sessions.get(p.launched_in)
     if launched is None:
-        return _is_handed_in(context, p.launched_by)
+        return _has_file(context, p.launched_by)
     for wanted in p.topics:
         found = launched.endpoints_on(wanted.topic, "subscription", context.reference_nodes)
         fitting = [each for each in found if _is_heard(p, wanted, each)]
@@ -127,7 +127,7 @@ def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
     return True
 
 
-def _is_handed_in(context: Context, artifact: str | None) -> bool:
+def _has_file(context: Context, artifact: str | None) -> bool:
     """Tell whether the file of an artifact is there; True if none is named."""
     if artifact is None:
         return True
