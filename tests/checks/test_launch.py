@@ -818,7 +818,7 @@ def test_endpoints_that_the_launch_file_moves_away_meet_nobody(
         else:
             session.endpoint(kind, used, node="/listener")
         both.append(session)
-    stays = {"node": "/listener", "artifact": "it", "alone_session": "alone"}
+    stays: dict[str, Any] = {"node": "/listener", "artifact": "it", "alone_session": "alone"}
     stays[f"{kind}s"] = ["/states"]
     wanted = {"answers": TOGETHER["answers"], "stays": [stays]}
     answered = {"started_ns": at(1.0), "ended_ns": at(1.1), "response": {"success": True}}
