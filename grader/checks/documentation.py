@@ -336,6 +336,9 @@ def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -
         seen = "names no part of the work by a name known to the grader"
         notes.append(_for_a_person(texts[0][0], 1, seen))
     absent = _absent_files(texts, p, own, names_all=len(found) == len(parts))
+    if absent:
+        # Commands that all start absent files are no instruction.
+        run = "" if _command_of_other_work(texts, p, own) else run
     return _ReadmeFacts(run, parts, found, hollow, notes, absent=absent)
 
 
@@ -379,7 +382,7 @@ def _starts_absent(texts: _Texts, p: Readme, own: str) -> bool:
             for match in _STARTED.finditer(command):
                 if match[3] is None:
                     continue
-                if PurePosixPath(match[3]).stem not in own:
+                if not _is_named(match[3], own):
                     return True
     return False
 
@@ -387,7 +390,19 @@ def _starts_absent(texts: _Texts, p: Readme, own: str) -> bool:
 def _is_absent(name: str, own: str) -> bool:
     if name.startswith(_BUILT):
         return False
-    return PurePosixPath(name).stem not in own
+    return not _is_named(name, own)
+
+
+#: Stems that every program holds, as in `def main` and `"__main__"`. They name a file only with its ending.
+_IN_EVERY_PROGRAM = ("main", "__main__")
+
+
+def _is_named(name: str, own: str) -> bool:
+    """Tell whether a submission has or names a file, a program or a package."""
+    stem = PurePosixPath(name).stem
+    if stem in _IN_EVERY_PROGRAM:
+        return f"{stem}.py" in own
+    return stem in own
 
 
 #: Number of parts from which a README is about this work.
@@ -434,7 +449,7 @@ def _is_of_other_work(command: str, own: str) -> bool:
     for match in _STARTED.finditer(command):
         names += filter(None, match.groups())
     for name in names:
-        if PurePosixPath(name).stem in own:
+        if _is_named(name, own):
             return False
     return bool(names)
 

@@ -39,7 +39,7 @@ from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.environment_gap import absent_module
 from grader.evidence.installed_faults import start_fault, use_fault
 from grader.evidence.newer_python import python_needed
-from grader.evidence.recorded import Floats, NumericStream, clock_step_s
+from grader.evidence.recorded import Floats, NumericStream, Recorded, clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
@@ -1179,6 +1179,16 @@ class TogetherAnswers(_Doer):
         return Part(0.0, "no answer from the service", reason)
 
 
+class StayingNode(Parameters):
+    """Endpoints that a launched node keeps under the names that it has alone."""
+
+    node: ref.RosName
+    artifact: ref.Artifact
+    alone_session: ref.SessionId
+    subscriptions: tuple[ref.Topic, ...] = ()
+    services: tuple[ref.RosName, ...] = ()
+
+
 #: A task of any kind.
 _Task = TogetherCommands | TogetherFollows | TogetherAnswers
 
@@ -1191,6 +1201,9 @@ class LaunchTogether(Parameters):
     commands: TogetherCommands | None = None
     follows: TogetherFollows | None = None
     answers: TogetherAnswers | None = None
+    stays: tuple[StayingNode, ...] = Field(
+        (), description="Nodes whose endpoints the launch file may not move elsewhere."
+    )
 
     @property
     def other_domain_costs(self) -> float:
@@ -1233,15 +1246,18 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     if all(part.is_excused for part in judged):
         return _nothing_to_judge(expected, roles)
     where = (context.location(_topic_of(p)),)
-    moved = _moved(context, p)
+    moved = [*_moved(context, p), *_moved_nodes(context, p)]
     finding = of_parts(expected, [*judged, *down], costs=moved, where=where)
     if moved:
         return replace(finding, hint=_STAY)
     return finding
 
 
-#: Instruction for a launch file with a namespace around the commands.
-_STAY = "Take the namespace out of the launch file, or begin the topic's name with '/'."
+#: Instruction for a launch file that moves endpoints.
+_STAY = "Take the namespace or the remapping out of the launch file, or begin the name in the program with '/'."
+_MOVES = (
+    "A namespace moves each name without a leading '/', and a remapping the names that it lists."
+)
 
 
 def _topic_of(p: LaunchTogether) -> str | None:
@@ -1266,8 +1282,59 @@ def _moved(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
     if launched in (topic, by_hand):
         return []
     reason = f"Launched, the commands are on {launched}, and alone on {by_hand}. "
-    reason += "A namespace moves each topic without a leading '/', and a remapping the topics that it names."
-    return [(1.0, reason)]
+    return [(1.0, reason + _MOVES)]
+
+
+def _moved_nodes(context: Context, p: LaunchTogether) -> list[tuple[float, str]]:
+    """Charge all of the credit for each running node with an endpoint that the launch file moves away."""
+    plan = _read_plan(context.session.record.plan)
+    costs = []
+    for staying in p.stays:
+        entry = _entry_for(context, plan, staying.node)
+        if entry is None:
+            continue
+        if _died(context, entry):
+            continue
+        moved = _moved_away(context, staying, "subscription", staying.subscriptions)
+        moved += _moved_away(context, staying, "service", staying.services)
+        if moved:
+            reason = (
+                f"Launched, {_short(staying.node)} is not on {', '.join(moved)}, and alone it is. "
+            )
+            costs.append((1.0, reason + _MOVES))
+    return costs
+
+
+def _moved_away(
+    context: Context, staying: StayingNode, kind: str, names: Sequence[str]
+) -> list[str]:
+    """Return the wanted names of endpoints that a node has alone, and no launched node has."""
+    alone = context.sessions.get(staying.alone_session)
+    if alone is None:
+        return []
+    launched = _names_in(context, context.session, kind)
+    if not launched:
+        return []
+    moved = []
+    for name in names:
+        by_hand = _names_in(context, alone, kind) & {name, alone.used(name)}
+        right = by_hand | {name}
+        if by_hand and launched.isdisjoint(right):
+            moved.append(name)
+    return moved
+
+
+def _names_in(context: Context, recorded: Recorded, kind: str) -> set[str]:
+    """Return the names of the student's subscriptions or services in all graphs of a session."""
+    names = set()
+    for graph in recorded.record.graph:
+        for service in graph.services:
+            if kind == "service":
+                names.add((service.name, service.node))
+        for endpoint in graph.endpoints:
+            if endpoint.kind == kind:
+                names.add((endpoint.topic, endpoint.node))
+    return {name for name, node in names if node not in context.reference_nodes}
 
 
 def _whole(context: Context, p: LaunchTogether, span: Span | None) -> Span | None:

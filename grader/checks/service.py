@@ -129,6 +129,10 @@ class CallAnswered(Parameters):
     contrary: Pattern | None = Field(
         None, description="A message that matches contradicts the answer: no credit."
     )
+    contrary_cause: str | None = Field(
+        None,
+        description="Name of this mistake; only its dearest check charges it. Without it, each check does.",
+    )
     again: ref.CallLabel | None = Field(
         None, description="A later step with the same request, which must get the same answer."
     )
@@ -336,8 +340,8 @@ def _judge_state(context: Context, answered: _Answered, p: CallAnswered) -> Find
     later = _later_answers(context, p)
     finding = _contrary(answered, p, later)
     if finding is not None:
-        # Each report of the opposite misleads by itself.
-        return context.charge(finding, None, [p.again_charged_by])
+        # Without a cause, each report of the opposite misleads by itself.
+        return context.charge(finding, p.contrary_cause, [p.again_charged_by])
     finding = _changed(answered, p, later)
     if finding is not None:
         cause = f"later answers of {_service_of(_step_that_counts(context, p))}"

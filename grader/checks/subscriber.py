@@ -70,6 +70,9 @@ class TopicsSubscribed(OfEndpoint):
         None,
         description="Session of the launch file; if it gives the node the right topics, the rest earns all.",
     )
+    launched_by: ref.Artifact | None = Field(
+        None, description="The launch file of that session. A missing one repairs nothing."
+    )
 
     def sought(self) -> Sequence[ref.Sought]:
         """Return the subscriptions."""
@@ -109,19 +112,26 @@ def _with_less_for_the_rest(context: Context, p: TopicsSubscribed, finding: Find
 def _right_as_launched(context: Context, p: TopicsSubscribed) -> bool:
     """Tell whether the launch file, by its remappings, gives a node subscriptions on all wanted topics.
 
-    True as well if its session was not recorded.
+    True as well if its session was not recorded, though the file is there.
     """
     if p.launched_in is None:
         return False
     launched = context.sessions.get(p.launched_in)
     if launched is None:
-        return True
+        return _has_file(context, p.launched_by)
     for wanted in p.topics:
         found = launched.endpoints_on(wanted.topic, "subscription", context.reference_nodes)
         fitting = [each for each in found if _is_heard(p, wanted, each)]
         if not fitting:
             return False
     return True
+
+
+def _has_file(context: Context, artifact: str | None) -> bool:
+    """Tell whether the file of an artifact is there; True if none is named."""
+    if artifact is None:
+        return True
+    return context.path_of(artifact) is not None
 
 
 def _is_heard(p: TopicsSubscribed, wanted: WantedTopic, endpoint: Endpoint) -> bool:

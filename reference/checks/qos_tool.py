@@ -244,6 +244,10 @@ class QosProfiles(BaseModel):
         0.0,
         description="Least share of profiles whose sides can be connected; with fewer of them, nothing is compared.",
     )
+    swapped_credit: Share = Field(
+        1.0,
+        description="Most of a profile's credit where its topic has another's reliability, and the other its own.",
+    )
 
 
 _POLICIES = ("reliability", "durability", "history", "depth")
@@ -312,7 +316,7 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
         subscription = _Side.of(context, "subscription", wanted.topic)
         sides[wanted] = (publisher, subscription)
         parts.append(_judge_profile(wanted, sides[wanted], p.one_sided_credit))
-    parts = _less_for_unmatched(context, p, sides, parts)
+    parts = _less_for_useless(context, p, sides, parts)
     if _all_alike(sides):
         reason = "All topics have one and the same profile, so that nothing is compared."
         parts = _limited(parts, p.alike_credit, reason)
@@ -325,12 +329,13 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     return undecided(finding, reason, retry=False)
 
 
-def _less_for_unmatched(
+def _less_for_useless(
     context: Context, p: QosProfiles, sides: _Sides, parts: Sequence[Part]
 ) -> list[Part]:
-    """Return the parts, with less credit for unmatched profiles, and with none at all if these are many."""
+    """Return the parts, with less credit for unmatched and swapped profiles, and with none at all if these are many."""
+    swapped = _swapped(p, sides)
     less = []
-    matched = 0
+    useful = 0
     for (wanted, both), part in zip(sides.items(), parts, strict=True):
         unheard = ""
         if both[1].seen:
@@ -338,14 +343,38 @@ def _less_for_unmatched(
         if unheard:
             most = min(part.share, p.unmatched_credit)
             less.append(replace(part, share=most))
+        elif wanted in swapped:
+            most = min(part.share, p.swapped_credit)
+            less.append(replace(part, share=most))
         else:
-            matched += 1
+            useful += 1
             less.append(part)
     count = len(less)
-    if matched >= p.least_matched * count:
+    if useful >= p.least_matched * count:
         return less
-    reason = f"Messages can arrive on {matched} of {count} topics, which is too few to compare."
+    if swapped:
+        topics = ", ".join(wanted.topic for wanted in swapped)
+        reason = f"The reliabilities of {topics} are swapped, so that each name stands for the opposite."
+        reason = f"{reason} {less[0].reason}".strip()
+        limited = _limited(less, p.swapped_credit, "")
+        return [replace(limited[0], reason=reason), *limited[1:]]
+    reason = f"Messages can arrive on {useful} of {count} topics, which is too few to compare."
     return _limited(less, 0.0, reason)
+
+
+def _swapped(p: QosProfiles, sides: _Sides) -> list[WantedProfile]:
+    """Return the profiles with the other reliability on both sides, if there are such ones of either reliability."""
+    if p.swapped_credit == 1:
+        return []
+    found = []
+    for wanted, both in sides.items():
+        values = both[0].values("reliability") + both[1].values("reliability")
+        if values and wanted.reliability not in values:
+            found.append(wanted)
+    for wanted in found[1:]:
+        if wanted.reliability != found[0].reliability:
+            return found
+    return []
 
 
 def _limited(parts: list[Part], share: float, reason: str) -> list[Part]:

@@ -608,7 +608,7 @@ class Shorter(BaseModel):
         None,
         ge=0,
         le=1,
-        description="Credit of an RMS that counts the empty entries of a history as zeros.",
+        description="Credit of numbers that count the empty entries of a history as zeros.",
     )
 
 
@@ -838,17 +838,17 @@ def _of_reported_only(
     )
 
 
-#: Largest relative difference between the printed RMS and the RMS of a history with empty entries.
-_SAME_RMS = 0.04
-#: Least ratio of the two RMS values at which the history is too full to tell.
-_NEARLY_FULL = 0.9
+#: Largest relative difference between the printed size and the size in a history with empty entries. The reports tell
+#: the RMS exactly; the mean depends on the order of arrival of commands and states.
+_SAME_SIZE = {"mean": 0.35, "rms": 0.04}
+#: Largest filled share of a history for a clear difference from a full one.
+_MOST_FILLED = {"mean": 0.5, "rms": 0.8}
 
 
 def _unfilled_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
-    """Say that the printed RMS counts empty entries of the history after a run with fewer messages; empty if not.
+    """Say that the printed numbers count empty entries of the history after a run with fewer messages; empty if not.
 
-    The reports and the printed numbers have the same mean square. With empty entries, the latter is smaller by the
-    filled share of the history.
+    Zeros in place of missing entries make a mean smaller by the filled share of the history, and an RMS by its root.
     """
     for run, values in _shorter_runs(context, p, shorter):
         printed = _printed(p, run)
@@ -856,17 +856,42 @@ def _unfilled_when_shorter(context: Context, p: ReportedStatistics, shorter: Sho
             continue
         if len(printed.values) != p.length:
             continue
-        filled = len(values) / p.parameters["history"]
-        right = _root_mean_square(values)
-        diluted = right * math.sqrt(filled)
-        own = _root_mean_square(printed.values)
-        if own >= _NEARLY_FULL * right:
+        size = _size_when_shorter(context, p, shorter, values)
+        if size is None:
             continue
-        if math.isclose(own, diluted, rel_tol=_SAME_RMS):
+        filled = len(values) / p.parameters["history"]
+        if filled > _MOST_FILLED[p.key]:
+            continue
+        if p.key == "mean":
+            own = float(np.mean(np.abs(printed.values)))
+            diluted = size * filled
+        else:
+            own = _root_mean_square(printed.values)
+            diluted = size * math.sqrt(filled)
+        if math.isclose(own, diluted, rel_tol=_SAME_SIZE[p.key]):
             stopped = f"In the session '{shorter.session}' it was stopped after {len(values)} reports"
-            compared = f"they have an RMS of {right:.4f} over all joints, the printed numbers one of {own:.4f}"
+            compared = f"their {p.label} over all joints is {size:.4f}, that of the printed numbers {own:.4f}"
             return f"{stopped}; {compared}: empty entries of the history are counted as zeros."
     return ""
+
+
+def _size_when_shorter(
+    context: Context, p: ReportedStatistics, shorter: Shorter, reported: Sequence[float]
+) -> float | None:
+    """Return the right size of the numbers over all joints after a run with fewer messages.
+
+    The RMS is the one of the reports. The mean needs the recorded messages; None without them.
+    """
+    if p.key != "mean":
+        return _root_mean_square(reported)
+    other = context.in_session(shorter.session)
+    if other is None:
+        return None
+    streams = p.recorded(other)
+    if streams is None:
+        return None
+    answer = p.answer(other, streams, {"history": None})
+    return float(np.mean(answer[p.key]["value"]))
 
 
 def _root_mean_square(values: Sequence[float]) -> float:

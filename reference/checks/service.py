@@ -82,6 +82,19 @@ class CallGated(BaseModel):
     refusal: Pattern | None = Field(
         None, description="A message that refuses, whatever the other fields say."
     )
+    told_on: Pattern | None = Field(
+        None, description="A message that tells nothing but success, contrary to a refusal."
+    )
+    told_off: Pattern | None = Field(
+        None, description="A message that tells nothing but the contrary of success."
+    )
+    misled_credit: Share = Field(
+        0.5, description="Credit if message and fields of an answer tell opposite states."
+    )
+    contrary_cause: str | None = Field(
+        None,
+        description="Name of the mistake of contrary messages, as in the checks of single answers.",
+    )
     half_credit: Share = Field(
         0.5, description="Credit of one half, such as refusing without recovering."
     )
@@ -243,9 +256,37 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
             where = (*gate.where, _calls_at(context, p.enabled_step))
             reason = f"{_ONCE_ON} {_shown(again)}."
             return replace(gate, where=where).graded(p.enabled_credit, reason, _ONCE_ON_HINT)
+        misleading = _misleading(context, p, gate)
+        if misleading is not None:
+            reason = f"{_MISLEADS} {_shown(misleading)}."
+            found = gate.graded(p.misled_credit, reason, _MISLEADS_HINT)
+            return context.charge(found, p.contrary_cause)
         return _judge_name(context, p, gate)
     reason = "It refuses, but does not recover when the parameter is true again."
     return gate.graded(p.half_credit, reason)
+
+
+def _misleading(context: Context, p: CallGated, gate: _Gate) -> Answer:
+    """Return the first answer with a message of the opposite state; None if all are right."""
+    refusals = [gate.off, gate.off_from_start]
+    if p.enabled_step is not None:
+        refusals.append(_answer_to(context, p.enabled_step))
+    if p.allowed_step is not None:
+        refusals.append(_answer_to(context, p.allowed_step))
+    for answer in refusals:
+        if _tells(p, answer, p.told_on):
+            return answer
+    if _tells(p, gate.on, p.told_off):
+        return gate.on
+    return None
+
+
+def _tells(p: CallGated, answer: Answer, pattern: str | None) -> bool:
+    """Tell whether the message of an answer matches a pattern, if there is one."""
+    if answer is None or pattern is None:
+        return False
+    words = str(answer.get(p.message_field, ""))
+    return search(pattern, words) is not None
 
 
 def _not_refused_again(context: Context, p: CallGated) -> Answer:
@@ -376,7 +417,7 @@ def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Findi
     recovers = _fits(gate.on, p.recovered)
     if recovers and _says_no(p, gate.off):
         hint = "Set the success field to False too, not only the message."
-        return gate.graded(p.half_credit, _ONLY_MESSAGE, hint)
+        return gate.graded(p.misled_credit, _ONLY_MESSAGE, hint)
     step = context.step(p.set_step)
     unset = _not_set(step)
     if unset:
@@ -391,10 +432,7 @@ def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Findi
 
 def _says_no(p: CallGated, answer: Answer) -> bool:
     """Tell whether the message of an answer refuses."""
-    if answer is None or p.refusal is None:
-        return False
-    words = str(answer.get(p.message_field, ""))
-    return search(p.refusal, words) is not None
+    return _tells(p, answer, p.refusal)
 
 
 def _judge_unset(p: CallGated, gate: _Gate, unset: str) -> Finding:
@@ -426,6 +464,8 @@ _AT_START = "It refuses only when the parameter is false from the start;"
 _ONLY_MESSAGE = (
     "Its message refuses, but the other fields report success, and client programs read those."
 )
+_MISLEADS = "A message tells the opposite of the state that the robot is then in:"
+_MISLEADS_HINT = "Decide first, then compose the message from what was decided."
 _DISALLOWS = "While the parameter is false it refuses what must always be possible too:"
 _DISALLOWS_HINT = (
     "Let the parameter decide over enabling alone; to disable must always be possible."

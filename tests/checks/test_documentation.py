@@ -236,6 +236,21 @@ def test_a_readme_that_starts_an_absent_file_loses_points() -> None:
     assert "The submission has no demo.py (README.md, line 3)" in finding.reason
 
 
+@pytest.mark.parametrize(("extra", "credit"), [({}, "0.25"), ({"main.py": "x = 1\n"}, "0.75")])
+def test_the_main_of_each_program_is_no_file_of_this_name(
+    extra: dict[str, str], credit: str
+) -> None:
+    """A README that starts `main.py`, and nothing else, needs this file, though each program has a main()."""
+    text = "# Work\n\n`talk.py` publishes words.\n\n```\npython3 main.py\n```\n"
+    program = "def main():\n    pass\n\nif __name__ == '__main__':\n    main()\n"
+    files = {"README.md": text, "talk.py": program, "hear.py": program, **extra}
+    commands = [*README["commands"], r"python3?\s+\S+"]
+    wanted = {**README, "commands": commands, "absent_costs": 0.5}
+    finding = static("readme", wanted, submission(files, talk="talk.py", hear="hear.py"))
+    assert finding.credit == Decimal(credit)
+    assert ("run other work: python3 main.py" in finding.reason) == (not extra)
+
+
 def test_no_readme_fails() -> None:
     """Without any text file there is no README."""
     finding = static("readme", README, submission({"it.py": "x = 1\n"}))

@@ -801,6 +801,35 @@ def test_each_of_three_parts_counts(
 
 @pytest.mark.parametrize(
     ("launched", "by_hand", "credit"),
+    [("/arm/states", "/states", 0), ("/states", "/mine", 1), ("/mine", "/mine", 1)],
+)
+@pytest.mark.parametrize("kind", ["subscription", "service"])
+def test_endpoints_that_the_launch_file_moves_away_meet_nobody(
+    tmp_path: Path, kind: str, launched: str, by_hand: str, credit: int
+) -> None:
+    """A node must stay where it is alone, or come where the lab wants it."""
+    both = []
+    for folder, name, used in (("a", "test", launched), ("b", "alone", by_hand)):
+        session = planned(Session(tmp_path / folder, name), processes=[BOTH[1]])
+        session.record.plan = session.record.steps[-1].result["plan"]
+        session.called(f"/states={by_hand}")
+        if kind == "service":
+            session.service(used, node="/listener")
+        else:
+            session.endpoint(kind, used, node="/listener")
+        both.append(session)
+    stays: dict[str, Any] = {"node": "/listener", "artifact": "it", "alone_session": "alone"}
+    stays[f"{kind}s"] = ["/states"]
+    wanted = {"answers": TOGETHER["answers"], "stays": [stays]}
+    answered = {"started_ns": at(1.0), "ended_ns": at(1.1), "response": {"success": True}}
+    session = both[0].step("call", "enable", calls=[answered])
+    finding = judged("launch_together", wanted, session, others={"alone": both[1].recorded()})
+    assert finding.credit == credit
+    assert ("not on /states, and alone it is" in finding.reason) == (not credit)
+
+
+@pytest.mark.parametrize(
+    ("launched", "by_hand", "credit"),
     [("/arm/commands", "/commands", 0), ("/x", "/x", 1), ("/commands", "/x", 1)],
 )
 def test_commands_that_the_launch_file_moves_away_reach_nobody(
@@ -819,7 +848,7 @@ def test_commands_that_the_launch_file_moves_away_reach_nobody(
     assert finding.credit == credit
     assert ("namespace" in finding.reason) == (not credit)
     assert "Commands come at" not in finding.reason
-    assert ("begin the topic's name with '/'" in finding.hint) == (not credit)
+    assert ("begin the name in the program with '/'" in finding.hint) == (not credit)
 
 
 @pytest.mark.parametrize(("gain", "credit"), [(1.0, 1), (0.6, 1), (0.3, 0)])

@@ -185,6 +185,13 @@ def test_a_contrary_message_misleads_at_each_request(tmp_path: Path) -> None:
     assert (finding.outcome, finding.causes) == (Outcome.FAILED, ())
 
 
+def test_contrary_messages_have_a_single_charge_by_their_cause(tmp_path: Path) -> None:
+    """The rubric names the mistake that several checks of one service see."""
+    session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
+    finding = judged("call_answered", {**AGAIN, "contrary_cause": "messages"}, session)
+    assert (finding.outcome, finding.causes) == (Outcome.FAILED, ("messages",))
+
+
 def test_rubrics_of_earlier_versions_name_a_check_for_contrary_messages(tmp_path: Path) -> None:
     """The named check charges messages of the opposite at a later request too."""
     session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))

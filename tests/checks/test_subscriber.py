@@ -228,6 +228,17 @@ def test_a_node_that_hears_nothing_loses_of_the_rest(
     assert finding.passes_on == expected
 
 
+@pytest.mark.parametrize(("launch", "rest"), [("it", None), ("start", Decimal("0.6"))])
+def test_a_missing_launch_file_repairs_no_subscriptions(
+    tmp_path: Path, launch: str, rest: Decimal | None
+) -> None:
+    """Without its session, a launch file that is there may repair them."""
+    session = Session(tmp_path).endpoint("subscription", COMMAND).process("it")
+    wanted = {**SUBSCRIBED, "rest": 0.6, "launched_in": "launch", "launched_by": launch}
+    finding = judged("topics_subscribed", wanted, session, submission({"it.py": ""}))
+    assert finding.passes_on == rest
+
+
 @pytest.mark.parametrize(
     ("asked", "outcome"), [(STATE, Outcome.INCONCLUSIVE), ("/other", Outcome.PARTIAL)]
 )

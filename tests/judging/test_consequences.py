@@ -38,8 +38,8 @@ MISTAKES = {
 #: mistake alone.
 COMPOSED = {
     "solution": ("", 0),
-    "strict_six_joints": ("publisher", 7),
-    "wrong_type_publisher": ("publisher", Decimal("4.5")),
+    "strict_six_joints": ("publisher", 8),
+    "wrong_type_publisher": ("publisher", 4),
     "wrong_node_name": ("publisher", Decimal("0.5")),
     "crash_on_early_state": ("subscriber", 4),
     "signed_mean_statistics": ("subscriber", 2),

@@ -28,9 +28,9 @@ def judged(name: str, folder: Path) -> dict[str, CheckResult]:
 @pytest.mark.parametrize(
     ("name", "rate_hz", "earned"),
     [
-        ("rate_98_5_hz", "98.50 Hz", 7),
-        ("rate_97_5_hz", "97.50 Hz", 6.3),
-        ("rate_90_hz", "90.00 Hz", 3.5),
+        ("rate_98_5_hz", "98.50 Hz", 6.5),
+        ("rate_97_5_hz", "97.50 Hz", 5.9),
+        ("rate_90_hz", "90.00 Hz", 3.3),
     ],
 )
 def test_a_timers_rate_is_known_although_a_sixth_of_its_messages_are_missing(

@@ -286,6 +286,31 @@ def test_too_few_profiles_that_carry_messages_compare_nothing(
     assert ("on 1 of 2 topics" in finding.reason) == (credit == "0")
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "credit"),
+    [
+        (BEST_EFFORT, RELIABLE, "0"),
+        (RELIABLE, RELIABLE, "0.875"),
+        (RELIABLE, BEST_EFFORT, "1"),
+    ],
+)
+def test_swapped_profiles_show_the_opposite_of_their_names(
+    tmp_path: Path, first: Qos, second: Qos, credit: str
+) -> None:
+    """One policy that is wrong in one direction is no swap."""
+    session = Session(tmp_path)
+    for topic, offered in ((TOPIC, first), ("/test_lossy", second)):
+        for kind in ("publisher", "subscription"):
+            session.endpoint(kind, topic, qos=offered)
+            session.claim(kind, topic, qos=CLAIM)
+    wanted: Any = PROFILES["profiles"][0]
+    profiles = [wanted, {**wanted, "topic": "/test_lossy", "reliability": "best_effort"}]
+    rules = {**PROFILES, "profiles": profiles, "swapped_credit": 0, "least_matched": 0.75}
+    finding = judged(QOS_PROFILES, rules, session)
+    assert finding.credit == Decimal(credit)
+    assert ("are swapped" in finding.reason) == (credit == "0")
+
+
 def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
     """A topic that is not there has no profile."""
     assert profiled(tmp_path, RELIABLE, kinds=()).outcome is Outcome.FAILED

@@ -559,6 +559,27 @@ def test_empty_entries_of_a_history_are_no_errors(
     assert ("empty entries" in finding.reason) == (credit == "0")
 
 
+@pytest.mark.parametrize(("filled", "credit"), [(1.0, "1"), (0.7, "1"), (0.4, "0")])
+def test_a_mean_counts_no_empty_entries_either(tmp_path: Path, filled: float, credit: str) -> None:
+    """Its size follows from the messages of the shorter run: 40 of them fill two fifths of a history of 100."""
+    session = with_reports(*stimulus(tmp_path / "whole"))
+    mean = float(np.abs(history(100)).mean())
+    session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
+    other = Session(tmp_path, "other")
+    times = [1.0 + 0.01 * n for n in range(STATES_EACH)]
+    other.messages(COMMAND, [[0.5] * 7], [0.9])
+    other.messages(STATE, [[0.0] * 7] * STATES_EACH, times)
+    lines = [(time_s + 0.001, "RMS: 0.5") for time_s in times]
+    printed_line = f"Mean: {vector(0.5 * filled)}"
+    other.process("joint_subscriber-2", [*lines, (29.0, printed_line)], artifact=None)
+    other.record.processes[0].ended_by = "interrupt"
+    shorter = {**SHORTER["shorter"], "unfilled_credit": 0}
+    wanted = {**SHORTER, "shorter": shorter}
+    finding = judged(REPORTED_STATISTICS, wanted, session, others={"other": other.recorded()})
+    assert finding.credit == Decimal(credit)
+    assert ("empty entries" in finding.reason) == (credit == "0")
+
+
 @pytest.mark.parametrize(("late", "credit"), [(0, "1"), (4, "1"), (6, "0.3")])
 def test_an_older_command_shows_at_the_start_of_each_phase(
     tmp_path: Path, late: int, credit: str

@@ -81,6 +81,34 @@ def test_an_enabled_robot_is_refused_too(tmp_path: Path, again: bool, credit: st
 
 
 @pytest.mark.parametrize(
+    ("refusal", "recovery", "credit"),
+    [
+        ("cannot be enabled", "Robot enabled", "1"),
+        ("Robot enabled", "Robot enabled", "0.4"),
+        ("cannot be enabled", "Robot disabled", "0.4"),
+        ("Robot is not enabled", "Robot enabled (was disabled)", "1"),
+    ],
+)
+def test_a_message_of_the_opposite_state_misleads(
+    tmp_path: Path, refusal: str, recovery: str, credit: str
+) -> None:
+    """The fields are right; an operator reads the message. All such messages are one mistake."""
+    session = Session(tmp_path).step("set_parameters", "off", parameters=SWITCHED_OFF)
+    answers = {
+        "refuse": answer(False, refusal),
+        "recover": answer(True, recovery),
+        "from_start": answer(False, refusal),
+    }
+    for label, response in answers.items():
+        called(session, label, call(response))
+    told = {"told_on": "(?i)^robot enabled$", "told_off": "(?i)^robot disabled$"}
+    gate = {**GATED, **told, "misled_credit": 0.4, "contrary_cause": "messages"}
+    finding = judged(CALL_GATED, gate, session)
+    assert finding.credit == Decimal(credit)
+    assert finding.causes == (() if credit == "1" else ("messages",))
+
+
+@pytest.mark.parametrize(
     ("answers", "credit", "words"),
     [
         ((False, True, False), "1", ""),
