@@ -504,10 +504,10 @@ class LaunchNodes(Parameters):
 
 
 def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") -> Process | None:
-    """Return the plan's process of a node: by the node's name, by its executable, or by elimination.
+    """Return the plan's process of a node: by the node's name, executable or source, or by elimination.
 
-    By elimination it is the only process without a name that does not run the program of a single
-    node, and so holds several nodes.
+    By its source, an unnamed process runs the only file that has the node's name as a text. By elimination it is
+    the only process without a name that does not run the program of a single node, and so holds several nodes.
     """
     short = _short(node)
     program = executable.removesuffix(".py")
@@ -518,8 +518,27 @@ def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") ->
         for entry in plan.processes:
             if entry.runs.removesuffix(".py") == program:
                 return entry
+    naming = [entry for entry in plan.processes if _names_itself(context, entry, short)]
+    if len(naming) == 1:
+        return naming[0]
     several = _holders_of_several(context, plan)
     return several[0] if len(several) == 1 else None
+
+
+def _names_itself(context: Context, entry: Process, short: str) -> bool:
+    """Tell whether an unnamed process runs a file that has a node's name as a text."""
+    if entry.called is not None:
+        return False
+    text = context.submission.texts.get(_file_of(context, entry) or "", "")
+    return f'"{short}"' in text or f"'{short}'" in text
+
+
+def _file_of(context: Context, entry: Process) -> str | None:
+    """Return the student's file that a launched process runs; None if it is not known."""
+    run = context.session.process(entry.id)
+    if run is None or run.artifact is None:
+        return None
+    return context.path_of(run.artifact)
 
 
 def _short(node: str) -> str:
@@ -639,6 +658,12 @@ def _judge_node(
         The plan's process of each wanted node.
     """
     entry = entries[wanted.node]
+    instead = _other_program(context, entry, wanted)
+    if entry is not None and instead:
+        reason = f"{wanted.node} runs {instead}, not {context.path_of(wanted.artifact)}."
+        hint = f"Give this Node the executable of {context.path_of(wanted.artifact)}: executable='{wanted.executable}'."
+        where = (Location(file=entry.file, line=entry.line),)
+        return Part(0.0, "", reason, hint=hint, where=where)
     if wanted.node in context.session.nodes and not _died(context, entry):
         return Part(1.0)
     if entry is None:
@@ -648,6 +673,22 @@ def _judge_node(
     mates = [each for each in p.nodes if entries[each.node] is entry]
     part = _judge_absent(context, p, wanted, entry)
     return _charged_once(context, entry, part, wanted, mates)
+
+
+def _other_program(context: Context, entry: Process | None, wanted: WantedNode) -> str:
+    """Return the file of another artifact that runs under a node's name; empty if its own file runs."""
+    own = context.path_of(wanted.artifact)
+    if entry is None or own is None:
+        return ""
+    if entry.runs.removesuffix(".py") == wanted.executable:
+        return ""
+    file = _file_of(context, entry)
+    if file is None or file == own:
+        return ""
+    text = context.submission.texts.get(file, "")
+    if _short(wanted.node) in text:
+        return ""
+    return file
 
 
 def _judge_absent(context: Context, p: LaunchNodes, wanted: WantedNode, entry: Process) -> Part:
@@ -683,10 +724,27 @@ def _charged_once(
     if context.path_of(wanted.artifact) is None:
         missing = replace(part, reason=f"The file for {wanted.node} is missing.")
         return excused_part(missing, context.also_under(wanted.charged_by))
+    cause = _parameter_cause(context, entry, wanted)
+    alone = _broken_alone(context, entry, wanted)
+    if alone and not context.charged_under(cause):
+        return excused_part(part, alone)
     by: list[str | None] = []
     for mate in mates:
         by += _chargers(context, entry, mate)
-    return context.charge_part(part, _parameter_cause(context, entry, wanted), by)
+    return context.charge_part(part, cause, by)
+
+
+def _broken_alone(context: Context, entry: Process, wanted: WantedNode) -> str:
+    """Name the check of a node that ends alone too, by another fault than when launched; empty without one."""
+    run = context.session.process(entry.id)
+    if run is None or not context.charged(wanted.charged_by):
+        return ""
+    end = _end_of(context, run)
+    alone = [each for ends in _ends_alone(context, wanted).values() for each in ends]
+    if end is None or end in alone or not any(alone):
+        return ""
+    title = context.titles.get(wanted.charged_by, wanted.charged_by)
+    return f"The program does not run alone either, by another fault, which is charged under '{title}'."
 
 
 def _parameter_cause(context: Context, entry: Process, wanted: WantedNode) -> str | None:
@@ -771,13 +829,21 @@ def _ends_alone(context: Context, wanted: WantedNode) -> dict[str, list[_End]]:
 def _charged_alone(
     context: Context, end: _End, ends_alone: Mapping[str, Sequence[_End]]
 ) -> str | None:
-    """Return the first check that charges the same end of the program in another session."""
+    """Return the check that charges the same end of the program in another session.
+
+    It is the first that points at the line of this end, or else the first of that session.
+    """
     alike = {session for session, ends in ends_alone.items() if end in ends}
+    found = []
     for check, finding in context.findings.items():
         sessions = {location.session for location in finding.where}
         if alike & sessions and context.charged(check):
+            found.append(check)
+    for check in found:
+        places = [(location.file, location.line) for location in context.findings[check].where]
+        if end is not None and end[:2] in places:
             return check
-    return None
+    return next(iter(found), None)
 
 
 def _end_of(context: Context, run: ProcessRun) -> _End:
@@ -988,6 +1054,9 @@ def _judge_wiring(
 ) -> Part:
     """Judge whether a parameter follows its launch argument."""
     entry = _entry_for(context, other, wanted.node, wanted.executable)
+    if entry is None and other.problem is None:
+        # The check of the nodes charges a node that these arguments leave out.
+        return Part(1.0, f"{text} (not started with other arguments)")
     changed = None
     if entry is not None:
         changed = entry.effective_parameters(wanted.node).get(wanted.name)

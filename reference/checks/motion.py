@@ -93,11 +93,14 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     reasons = _wrong_rows(p, rows)
     unsafe = _unsafe(context, p)
     if unsafe is not None:
-        reason = " ".join([*reasons, unsafe.reason])
-        measured = unsafe.measured or measured
         share = 0.0
+        beginning = reasons
         if good == len(rows):
             share = p.unsafe_credit
+            beginning = ["The numbers are finite and within reach, but their motion is not safe."]
+        reason = " ".join([*beginning, unsafe.reason])
+        if unsafe.measured:
+            measured = f"{measured}; {unsafe.measured}"
         return graded(share, expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
     share = good / len(rows)
     if good < len(rows):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -686,12 +687,30 @@ def _nothing_printed(p: ReportedStatistics, run: Run | None, expected: str) -> F
         flaky = run.flaky_end()
         if flaky:
             return unclear(expected, "nothing", flaky)
+    empty = _empty_line(p, run)
+    if empty:
+        reason = f"It prints {empty!r}, without a number."
+        hint = "Print the history before you compute: it is empty, or its first entries are."
+        return unexplained(failed(expected, f"{empty!r}", reason, hint=hint))
     reason = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
     hint = (
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
     nothing = failed(expected, "no such line", reason, hint=hint)
     return unexplained(nothing)
+
+
+def _empty_line(p: ReportedStatistics, run: Run | None) -> str:
+    """Return the last line with the label and an empty list, as in `Mean: []`; empty without one."""
+    if run is None:
+        return ""
+    labels = "|".join(re.escape(word) for word in (p.label, *p.synonyms))
+    pattern = re.compile(rf"\W*(?:{labels})\b[^\[\]]{{0,40}}\[\s*\]\W*", re.IGNORECASE)
+    found = ""
+    for line in run.lines:
+        if pattern.fullmatch(line.text):
+            found = line.text.strip()
+    return found
 
 
 #: Share of messages lost to the machine from which the printed numbers may be of the others.
@@ -729,7 +748,8 @@ def _judge_vector(
     reason = f"Expected: {vector.right_text}."
     count = len(printed.values)
     if count != p.length:
-        reason = f"{count} numbers are printed, not one for each of {p.length}. {reason}"
+        printed_count = "1 number is" if count == 1 else f"{count} numbers are"
+        reason = f"{printed_count} printed, not one for each of {p.length}. {reason}"
         few = failed(vector.expected, vector.measured, reason)
         return context.charge(few, f"{p.artifact}: {count} numbers")
     heard, comparable = _heard_of_some(context, p, streams)
