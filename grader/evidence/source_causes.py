@@ -325,6 +325,74 @@ def _is_idle(statement: ast.stmt) -> bool:
     return False
 
 
+def hidden_exception(text: str) -> int | None:
+    """Return the line of the first `except` that hides each exception; None without one.
+
+    It names no narrower exception than Exception, and does nothing: `except: pass`.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    lines = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ExceptHandler):
+            continue
+        is_wide = node.type is None or code_of(node.type) in ("Exception", "BaseException")
+        if is_wide and all(map(_hides, node.body)):
+            lines.append(node.lineno)
+    return min(lines, default=None)
+
+
+def _hides(statement: ast.stmt) -> bool:
+    match statement:
+        case ast.Pass() | ast.Continue() | ast.Return(value=None) | ast.Expr(ast.Constant()):
+            return True
+    return False
+
+
+def debug_log(text: str) -> int | None:
+    """Return the line of the first call of a logger's debug(); None without one.
+
+    `self.get_logger().debug("...")` prints nothing at rclpy's usual level, which is info.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    lines = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and code_of(node.func).endswith("get_logger().debug"):
+            lines.append(node.lineno)
+    return min(lines, default=None)
+
+
+def always_true_parameter(text: str) -> int | None:
+    """Return the line of the first condition that tests a parameter's object in place of its value; None without one.
+
+    `if self.get_parameter("on"):` holds for each value, because the object is no value: `.value` is missing.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    lines = []
+    for node in ast.walk(tree):
+        for condition in _conditions(node):
+            if isinstance(condition, ast.Call) and _is_named(condition.func, "get_parameter"):
+                lines.append(condition.lineno)
+    return min(lines, default=None)
+
+
+def _conditions(node: ast.AST) -> Sequence[ast.expr]:
+    """Return the expressions of which a node takes the truth."""
+    match node:
+        case ast.If(test=test) | ast.IfExp(test=test) | ast.While(test=test):
+            return [test]
+        case ast.UnaryOp(op=ast.Not(), operand=operand):
+            return [operand]
+        case ast.BoolOp(values=values):
+            return values
+    return []
+
+
 def late_lambda(text: str) -> tuple[int, str] | None:
     """Return the line of the first lambda in a loop that uses the loop's variable, and the variable; None without one.
 

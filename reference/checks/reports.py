@@ -35,9 +35,11 @@ from grader.own_checks import (
     apart,
     appended_again,
     check,
+    debug_log,
     excused,
     failed,
     graded,
+    hidden_exception,
     passed,
     quantise,
     unclear,
@@ -443,12 +445,33 @@ def _less_if_outdated(
 def _no_report(context: Context, p: ReportedSeries, expected: str) -> Finding:
     """State that the node printed no report."""
     run = _last_run(context, p.artifact)
+    lines: list[str] = []
+    if run is not None:
+        lines = [line.text for line in run.lines if line.t_s <= (run.interrupted_s or math.inf)]
     others = ""
-    if run is not None and run.lines:
-        last = run.lines[-1].text[:100]
-        others = f"; it printed {len(run.lines)} others, the last of which is {last!r}"
+    if lines:
+        others = f"; it printed {len(lines)} others, the last of which is {lines[-1][:100]!r}"
     reason = f"The node printed no tracking error in the requested form, neither to its output nor to its log{others}."
-    return unexplained(failed(expected, "no report", reason))
+    nothing = failed(expected, "no report", reason)
+    return unexplained(_explained_by_source(context, p.artifact, nothing))
+
+
+def _explained_by_source(context: Context, artifact: str, nothing: Finding) -> Finding:
+    """Name the line that hides all exceptions, or the call that logs below the usual level, if there is one."""
+    path = context.path_of(artifact) or ""
+    text = context.text(path) or ""
+    line = hidden_exception(text)
+    said = "hides each exception of the code above it, so that nothing shows why"
+    hint = "Take the try and its except away, run it again, and correct the line that the traceback names."
+    if line is None:
+        line = debug_log(text)
+        said = "logs at the level debug, which is not shown unless it is asked for"
+        hint = "Log it with info(), as the lab asks."
+    if line is None:
+        return nothing
+    reason = f"{nothing.reason} Line {line} of {path} {said}."
+    where = (Location(file=path, line=line), *nothing.where)
+    return replace(nothing, reason=reason, hint=hint, where=where)
 
 
 def _mistake(
@@ -649,7 +672,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     run = _last_run(context, p.artifact)
     printed = _printed(p, run)
     if printed is None:
-        return _nothing_printed(p, run, expected)
+        return _nothing_printed(context, p, run, expected)
     finding = _judge_vector(context, p, streams, printed)
     if p.shorter is None:
         return finding
@@ -681,7 +704,9 @@ def _printed(p: ReportedStatistics, run: Run | None) -> PrintedVector | None:
     return run.printed_vector(labels, p.unless)
 
 
-def _nothing_printed(p: ReportedStatistics, run: Run | None, expected: str) -> Finding:
+def _nothing_printed(
+    context: Context, p: ReportedStatistics, run: Run | None, expected: str
+) -> Finding:
     """State that no vector was printed."""
     if run is not None:
         flaky = run.flaky_end()
@@ -690,13 +715,17 @@ def _nothing_printed(p: ReportedStatistics, run: Run | None, expected: str) -> F
     empty = _empty_line(p, run)
     if empty:
         reason = f"It prints {empty!r}, without a number."
-        hint = "Print the history before you compute: it is empty, or its first entries are."
+        hint = "Add to the history only once a command is known: an entry without numbers leaves none to print."
         return unexplained(failed(expected, f"{empty!r}", reason, hint=hint))
     reason = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
     hint = (
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
     nothing = failed(expected, "no such line", reason, hint=hint)
+    path = context.path_of(p.artifact) or ""
+    line = hidden_exception(context.text(path) or "")
+    if line is not None:
+        nothing = _explained_by_source(context, p.artifact, nothing)
     return unexplained(nothing)
 
 
