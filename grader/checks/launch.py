@@ -518,19 +518,38 @@ def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") ->
         for entry in plan.processes:
             if entry.runs.removesuffix(".py") == program:
                 return entry
-    naming = [entry for entry in plan.processes if _names_itself(context, entry, short)]
-    if len(naming) == 1:
-        return naming[0]
+    by_source = _by_source(context, plan, short)
+    if by_source is not None:
+        return by_source
     several = _holders_of_several(context, plan)
     return several[0] if len(several) == 1 else None
+
+
+def _by_source(context: Context, plan: Plan, short: str) -> Process | None:
+    """Return the only unnamed process whose file has a node's name as a text."""
+    found = None
+    for entry in plan.processes:
+        if _names_itself(context, entry, short):
+            if found is not None:
+                return None
+            found = entry
+    return found
 
 
 def _names_itself(context: Context, entry: Process, short: str) -> bool:
     """Tell whether an unnamed process runs a file that has a node's name as a text."""
     if entry.called is not None:
         return False
-    text = context.submission.texts.get(_file_of(context, entry) or "", "")
-    return f'"{short}"' in text or f"'{short}'" in text
+    text = _source_of(context, entry)
+    return any(f"{quote}{short}{quote}" in text for quote in "'\"")
+
+
+def _source_of(context: Context, entry: Process) -> str:
+    """Return the text of the student's file that a launched process runs; empty if it is not known."""
+    file = _file_of(context, entry)
+    if file is None:
+        return ""
+    return context.submission.texts.get(file, "")
 
 
 def _file_of(context: Context, entry: Process) -> str | None:
@@ -658,12 +677,11 @@ def _judge_node(
         The plan's process of each wanted node.
     """
     entry = entries[wanted.node]
-    instead = _other_program(context, entry, wanted)
-    if entry is not None and instead:
-        reason = f"{wanted.node} runs {instead}, not {context.path_of(wanted.artifact)}."
-        hint = f"Give this Node the executable of {context.path_of(wanted.artifact)}: executable='{wanted.executable}'."
-        where = (Location(file=entry.file, line=entry.line),)
-        return Part(0.0, "", reason, hint=hint, where=where)
+    instead = None
+    if entry is not None:
+        instead = _other_program(context, entry, wanted)
+    if instead is not None:
+        return instead
     if wanted.node in context.session.nodes and not _died(context, entry):
         return Part(1.0)
     if entry is None:
@@ -675,20 +693,23 @@ def _judge_node(
     return _charged_once(context, entry, part, wanted, mates)
 
 
-def _other_program(context: Context, entry: Process | None, wanted: WantedNode) -> str:
-    """Return the file of another artifact that runs under a node's name; empty if its own file runs."""
+def _other_program(context: Context, entry: Process, wanted: WantedNode) -> Part | None:
+    """Charge a node's name for the program of another artifact; None if the node's own program has it."""
     own = context.path_of(wanted.artifact)
-    if entry is None or own is None:
-        return ""
-    if entry.runs.removesuffix(".py") == wanted.executable:
-        return ""
     file = _file_of(context, entry)
-    if file is None or file == own:
-        return ""
-    text = context.submission.texts.get(file, "")
-    if _short(wanted.node) in text:
-        return ""
-    return file
+    if None in (own, file):
+        return None
+    runs = entry.runs.removesuffix(".py")
+    if file == own:
+        return None
+    if runs == wanted.executable:
+        return None
+    if _short(wanted.node) in _source_of(context, entry):
+        return None
+    reason = f"{wanted.node} runs {file}, not {own}."
+    hint = f"Give this Node the executable of {own}: executable='{wanted.executable}'."
+    where = (Location(file=entry.file, line=entry.line),)
+    return Part(0.0, "", reason, hint=hint, where=where)
 
 
 def _judge_absent(context: Context, p: LaunchNodes, wanted: WantedNode, entry: Process) -> Part:
@@ -725,9 +746,10 @@ def _charged_once(
         missing = replace(part, reason=f"The file for {wanted.node} is missing.")
         return excused_part(missing, context.also_under(wanted.charged_by))
     cause = _parameter_cause(context, entry, wanted)
-    alone = _broken_alone(context, entry, wanted)
-    if alone and not context.charged_under(cause):
-        return excused_part(part, alone)
+    if not context.charged_under(cause):
+        alone = _broken_alone(context, entry, wanted)
+        if alone:
+            return excused_part(part, alone)
     by: list[str | None] = []
     for mate in mates:
         by += _chargers(context, entry, mate)
@@ -737,11 +759,17 @@ def _charged_once(
 def _broken_alone(context: Context, entry: Process, wanted: WantedNode) -> str:
     """Name the check of a node that ends alone too, by another fault than when launched; empty without one."""
     run = context.session.process(entry.id)
-    if run is None or not context.charged(wanted.charged_by):
+    if run is None:
+        return ""
+    if not context.charged(wanted.charged_by):
         return ""
     end = _end_of(context, run)
-    alone = [each for ends in _ends_alone(context, wanted).values() for each in ends]
-    if end is None or end in alone or not any(alone):
+    alone: list[_End] = []
+    for ends in _ends_alone(context, wanted).values():
+        alone += ends
+    if end in (None, *alone):
+        return ""
+    if not any(alone):
         return ""
     title = context.titles.get(wanted.charged_by, wanted.charged_by)
     return f"The program does not run alone either, by another fault, which is charged under '{title}'."
@@ -839,9 +867,12 @@ def _charged_alone(
         sessions = {location.session for location in finding.where}
         if alike & sessions and context.charged(check):
             found.append(check)
+    file_and_line = None
+    if end is not None:
+        file_and_line = end[:2]
     for check in found:
         places = [(location.file, location.line) for location in context.findings[check].where]
-        if end is not None and end[:2] in places:
+        if file_and_line in places:
             return check
     return next(iter(found), None)
 
@@ -1054,11 +1085,12 @@ def _judge_wiring(
 ) -> Part:
     """Judge whether a parameter follows its launch argument."""
     entry = _entry_for(context, other, wanted.node, wanted.executable)
-    if entry is None and other.problem is None:
-        # The check of the nodes charges a node that these arguments leave out.
-        return Part(1.0, f"{text} (not started with other arguments)")
     changed = None
-    if entry is not None:
+    if entry is None:
+        if other.problem is None:
+            # The check of the nodes charges a node that these arguments leave out.
+            return Part(1.0, f"{text} (not started with other arguments)")
+    else:
         changed = entry.effective_parameters(wanted.node).get(wanted.name)
     if wanted.other is None or _same(changed, wanted.other):
         return Part(1.0, text)

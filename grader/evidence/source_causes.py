@@ -326,9 +326,9 @@ def _is_idle(statement: ast.stmt) -> bool:
 
 
 def hidden_exception(text: str) -> int | None:
-    """Return the line of the first `except` that hides each exception; None without one.
+    """Return the line of the first `except` without an effect on any exception, as `except: pass`; None without one.
 
-    It names no narrower exception than Exception, and does nothing: `except: pass`.
+    A handler of a narrower exception than Exception does not count.
     """
     tree = tree_of(normalise(text))
     if tree is None:
@@ -337,8 +337,10 @@ def hidden_exception(text: str) -> int | None:
     for node in ast.walk(tree):
         if not isinstance(node, ast.ExceptHandler):
             continue
-        is_wide = node.type is None or code_of(node.type) in ("Exception", "BaseException")
-        if is_wide and all(map(_hides, node.body)):
+        if node.type is not None:
+            if code_of(node.type) not in ("Exception", "BaseException"):
+                continue
+        if all(map(_hides, node.body)):
             lines.append(node.lineno)
     return min(lines, default=None)
 
@@ -353,22 +355,24 @@ def _hides(statement: ast.stmt) -> bool:
 def debug_log(text: str) -> int | None:
     """Return the line of the first call of a logger's debug(); None without one.
 
-    `self.get_logger().debug("...")` prints nothing at rclpy's usual level, which is info.
+    At rclpy's usual level, info, `self.get_logger().debug("...")` prints nothing.
     """
     tree = tree_of(normalise(text))
     if tree is None:
         return None
     lines = []
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and code_of(node.func).endswith("get_logger().debug"):
-            lines.append(node.lineno)
+        match node:
+            case ast.Call(func=ast.Attribute(attr="debug") as function):
+                if code_of(function).endswith("get_logger().debug"):
+                    lines.append(node.lineno)
     return min(lines, default=None)
 
 
 def always_true_parameter(text: str) -> int | None:
-    """Return the line of the first condition that tests a parameter's object in place of its value; None without one.
+    """Return the line of the first condition on a parameter's object in place of its value; None without one.
 
-    `if self.get_parameter("on"):` holds for each value, because the object is no value: `.value` is missing.
+    Example: `if self.get_parameter("on"):` is always true, and lacks `.value`.
     """
     tree = tree_of(normalise(text))
     if tree is None:
@@ -376,13 +380,14 @@ def always_true_parameter(text: str) -> int | None:
     lines = []
     for node in ast.walk(tree):
         for condition in _conditions(node):
-            if isinstance(condition, ast.Call) and _is_named(condition.func, "get_parameter"):
-                lines.append(condition.lineno)
+            match condition:
+                case ast.Call(func=ast.Attribute(attr="get_parameter")):
+                    lines.append(condition.lineno)
     return min(lines, default=None)
 
 
 def _conditions(node: ast.AST) -> Sequence[ast.expr]:
-    """Return the expressions of which a node takes the truth."""
+    """Return the conditions of a node."""
     match node:
         case ast.If(test=test) | ast.IfExp(test=test) | ast.While(test=test):
             return [test]

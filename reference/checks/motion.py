@@ -514,7 +514,7 @@ def _judge_component(
 
 
 def _if_held(wrong: Part, index: int, held: int) -> Part:
-    """Return a wrong motion with the number of messages for which its time stands still, if it does."""
+    """Return a wrong motion, with the usual length of its steps if it moves in steps."""
     if held < _LEAST_HELD:
         return wrong
     jumps = (
@@ -529,11 +529,11 @@ _LEAST_HELD = 5
 
 
 def _held(values: Floats) -> int:
-    """Return the median number of messages for which a value stays the same, among those that lead to another.
+    """Return the median length of runs of one value, in messages, between its changes.
 
     Examples
     --------
-    `[0, 0, 0, 1, 1, 1, 2]` gives 3: the time of the last value is not known.
+    `[0, 0, 0, 1, 1, 1, 2]` gives 3. The lengths of the first and the last run are not known.
     """
     changes = np.flatnonzero(np.diff(values)) + 1
     if len(changes) < 2:

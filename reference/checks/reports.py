@@ -447,7 +447,10 @@ def _no_report(context: Context, p: ReportedSeries, expected: str) -> Finding:
     run = _last_run(context, p.artifact)
     lines: list[str] = []
     if run is not None:
-        lines = [line.text for line in run.lines if line.t_s <= (run.interrupted_s or math.inf)]
+        end_s = math.inf
+        if run.interrupted_s is not None:
+            end_s = run.interrupted_s
+        lines = [line.text for line in run.lines if line.t_s <= end_s]
     others = ""
     if lines:
         others = f"; it printed {len(lines)} others, the last of which is {lines[-1][:100]!r}"
@@ -456,10 +459,20 @@ def _no_report(context: Context, p: ReportedSeries, expected: str) -> Finding:
     return unexplained(_explained_by_source(context, p.artifact, nothing))
 
 
+def _source(context: Context, artifact: str) -> tuple[str, str]:
+    """Return the path and the text of an artifact; both are empty without a file."""
+    path = context.path_of(artifact)
+    text = None
+    if path is not None:
+        text = context.text(path)
+    if path is None or text is None:
+        return "", ""
+    return path, text
+
+
 def _explained_by_source(context: Context, artifact: str, nothing: Finding) -> Finding:
-    """Name the line that hides all exceptions, or the call that logs below the usual level, if there is one."""
-    path = context.path_of(artifact) or ""
-    text = context.text(path) or ""
+    """Name the line of a silent `except`, or else of a log below the usual level."""
+    path, text = _source(context, artifact)
     line = hidden_exception(text)
     said = "hides each exception of the code above it, so that nothing shows why"
     hint = "Take the try and its except away, run it again, and correct the line that the traceback names."
@@ -722,9 +735,8 @@ def _nothing_printed(
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
     nothing = failed(expected, "no such line", reason, hint=hint)
-    path = context.path_of(p.artifact) or ""
-    line = hidden_exception(context.text(path) or "")
-    if line is not None:
+    _, text = _source(context, p.artifact)
+    if hidden_exception(text) is not None:
         nothing = _explained_by_source(context, p.artifact, nothing)
     return unexplained(nothing)
 
@@ -777,8 +789,7 @@ def _judge_vector(
     reason = f"Expected: {vector.right_text}."
     count = len(printed.values)
     if count != p.length:
-        printed_count = "1 number is" if count == 1 else f"{count} numbers are"
-        reason = f"{printed_count} printed, not one for each of {p.length}. {reason}"
+        reason = f"Not one number for each of {p.length} is printed, but {count}. {reason}"
         few = failed(vector.expected, vector.measured, reason)
         return context.charge(few, f"{p.artifact}: {count} numbers")
     heard, comparable = _heard_of_some(context, p, streams)

@@ -397,12 +397,12 @@ def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Findi
 
 
 def _always_true(context: Context) -> Location | None:
-    """Return where the student's program tests a parameter's object in place of its value; None if nowhere."""
-    for run in context.runs():
-        path = None
-        if run.role == "student" and run.artifact is not None:
-            path = context.path_of(run.artifact)
-        line = always_true_parameter(context.text(path) or "") if path else None
+    """Return the first condition on a parameter's object in place of its value; None without one."""
+    for path in context.paths:
+        text = context.text(path)
+        line = None
+        if text is not None:
+            line = always_true_parameter(text)
         if line is not None:
             return Location(file=path, line=line)
     return None

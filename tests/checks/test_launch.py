@@ -1058,7 +1058,7 @@ def test_another_program_under_the_name_of_a_node_earns_nothing(tmp_path: Path) 
     assert finding.hint == "Give this Node the executable of listen.py: executable='listen'."
     assert finding.where[0].line == 9
     both = two_programs(talker='name = "listener"')[0]
-    assert judged("launch_nodes", wanted, session.recorded(), both).outcome is Outcome.PASSED  # type: ignore[arg-type]
+    assert judged("launch_nodes", wanted, session.recorded(), both).outcome is Outcome.PASSED
 
 
 def test_an_unnamed_node_that_ended_is_found_by_its_source(tmp_path: Path) -> None:
@@ -1072,7 +1072,7 @@ def test_an_unnamed_node_that_ended_is_found_by_its_source(tmp_path: Path) -> No
 
 
 def test_a_node_with_another_fault_alone_is_not_said_to_have_the_same(tmp_path: Path) -> None:
-    """The fault of the launch file costs nothing beside the own one, and is told apart from it."""
+    """The fault of the launch file costs nothing beside it, and the sentence keeps the two apart."""
     alone = Session(tmp_path, "alone")
     alone.process("it", [CRASHED[0], CRASHED[1].replace("9", "12"), CRASHED[2]], **FELL)
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
@@ -1087,7 +1087,7 @@ def test_a_node_with_another_fault_alone_is_not_said_to_have_the_same(tmp_path: 
 
 
 def test_an_end_is_charged_by_the_check_that_points_at_its_line(tmp_path: Path) -> None:
-    """An earlier check of the same session may have lost its points by something else."""
+    """An earlier check of the same session can have another cause."""
     alone = Session(tmp_path, "alone")
     alone.process("it", CRASHED, **FELL)
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")

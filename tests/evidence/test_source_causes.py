@@ -170,7 +170,7 @@ def test_a_callback_that_returns_is_not_marked(last: str) -> None:
     ],
 )
 def test_a_handler_that_hides_each_exception_is_found(handler: str, line: int | None) -> None:
-    """One that names its exception, or says something about it, hides nothing."""
+    """A handler with a narrower exception, or with a word about it, hides nothing."""
     text = f"def on_state(msg):\n    try:\n        use(msg)\n    {handler}\n"
     assert hidden_exception(text) == line
 

@@ -99,7 +99,7 @@ def test_refusal_and_recovery_are_half_each(
 
 
 def test_a_parameters_object_as_a_condition_is_named(tmp_path: Path) -> None:
-    """It is always true, and `.value` is the mend."""
+    """The hint is to add `.value`."""
     session = Session(tmp_path).step("set_parameters", "off", "done", parameters=SWITCHED_OFF)
     for label in ("refuse", "recover", "from_start"):
         called(session, label, call(answer(True)))
