@@ -789,7 +789,7 @@ def _judge_vector(
     reason = f"Expected: {vector.right_text}."
     count = len(printed.values)
     if count != p.length:
-        reason = f"Not one number for each of {p.length} is printed, but {count}. {reason}"
+        reason = f"{_numbers_are(count)} printed, not one for each of {p.length}. {reason}"
         few = failed(vector.expected, vector.measured, reason)
         return context.charge(few, f"{p.artifact}: {count} numbers")
     heard, comparable = _heard_of_some(context, p, streams)
@@ -810,6 +810,13 @@ def _judge_vector(
     if heard and lost >= _LOST_SHARE:
         best = 1.0
     return _regraded(vector.right, vector.share, reason, best, doubt)
+
+
+def _numbers_are(count: int) -> str:
+    """Return the beginning of a sentence about some numbers."""
+    if count == 1:
+        return "1 number is"
+    return f"{count} numbers are"
 
 
 def _agrees(
