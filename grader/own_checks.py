@@ -78,7 +78,10 @@ from grader.evidence.bounds import cpu_delay_doubt as cpu_delay_doubt
 from grader.evidence.bounds import without_delay as without_delay
 from grader.evidence.cpu_delay import Backlog as Backlog
 from grader.evidence.recorded import NumericStream as NumericStream
+from grader.evidence.source_causes import always_true_parameter as always_true_parameter
 from grader.evidence.source_causes import appended_again as appended_again
+from grader.evidence.source_causes import debug_log as debug_log
+from grader.evidence.source_causes import hidden_exception as hidden_exception
 from grader.evidence.source_causes import idle_callback as idle_callback
 from grader.evidence.source_causes import late_lambda as late_lambda
 from grader.evidence.text.printed import PrintedVector as PrintedVector

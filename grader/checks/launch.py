@@ -504,10 +504,10 @@ class LaunchNodes(Parameters):
 
 
 def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") -> Process | None:
-    """Return the plan's process of a node: by the node's name, by its executable, or by elimination.
+    """Return the plan's process of a node: by the node's name, executable or source, or by elimination.
 
-    By elimination it is the only process without a name that does not run the program of a single
-    node, and so holds several nodes.
+    By its source, an unnamed process runs the only file that has the node's name as a text. By elimination it is
+    the only process without a name that does not run the program of a single node, and so holds several nodes.
     """
     short = _short(node)
     program = executable.removesuffix(".py")
@@ -518,8 +518,46 @@ def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") ->
         for entry in plan.processes:
             if entry.runs.removesuffix(".py") == program:
                 return entry
+    by_source = _by_source(context, plan, short)
+    if by_source is not None:
+        return by_source
     several = _holders_of_several(context, plan)
     return several[0] if len(several) == 1 else None
+
+
+def _by_source(context: Context, plan: Plan, short: str) -> Process | None:
+    """Return the only unnamed process whose file has a node's name as a text."""
+    found = None
+    for entry in plan.processes:
+        if _names_itself(context, entry, short):
+            if found is not None:
+                return None
+            found = entry
+    return found
+
+
+def _names_itself(context: Context, entry: Process, short: str) -> bool:
+    """Tell whether an unnamed process runs a file that has a node's name as a text."""
+    if entry.called is not None:
+        return False
+    text = _source_of(context, entry)
+    return any(f"{quote}{short}{quote}" in text for quote in "'\"")
+
+
+def _source_of(context: Context, entry: Process) -> str:
+    """Return the text of the student's file that a launched process runs; empty if it is not known."""
+    file = _file_of(context, entry)
+    if file is None:
+        return ""
+    return context.submission.texts.get(file, "")
+
+
+def _file_of(context: Context, entry: Process) -> str | None:
+    """Return the student's file that a launched process runs; None if its executable has none of the lab's names."""
+    for artifact in context.submission.artifacts:
+        if artifact.expected.removesuffix(".py") == entry.runs.removesuffix(".py"):
+            return artifact.path
+    return None
 
 
 def _short(node: str) -> str:
@@ -639,6 +677,11 @@ def _judge_node(
         The plan's process of each wanted node.
     """
     entry = entries[wanted.node]
+    instead = None
+    if entry is not None:
+        instead = _other_program(context, entry, wanted)
+    if instead is not None:
+        return instead
     if wanted.node in context.session.nodes and not _died(context, entry):
         return Part(1.0)
     if entry is None:
@@ -648,6 +691,25 @@ def _judge_node(
     mates = [each for each in p.nodes if entries[each.node] is entry]
     part = _judge_absent(context, p, wanted, entry)
     return _charged_once(context, entry, part, wanted, mates)
+
+
+def _other_program(context: Context, entry: Process, wanted: WantedNode) -> Part | None:
+    """Charge a node's name for the program of another artifact; None if the node's own program has it."""
+    own = context.path_of(wanted.artifact)
+    file = _file_of(context, entry)
+    if None in (own, file):
+        return None
+    runs = entry.runs.removesuffix(".py")
+    if file == own:
+        return None
+    if runs == wanted.executable:
+        return None
+    if _short(wanted.node) in _source_of(context, entry):
+        return None
+    reason = f"{wanted.node} runs {file}, not {own}."
+    hint = f"Give this Node the executable of {own}: executable='{wanted.executable}'."
+    where = (Location(file=entry.file, line=entry.line),)
+    return Part(0.0, "", reason, hint=hint, where=where)
 
 
 def _judge_absent(context: Context, p: LaunchNodes, wanted: WantedNode, entry: Process) -> Part:
@@ -683,10 +745,34 @@ def _charged_once(
     if context.path_of(wanted.artifact) is None:
         missing = replace(part, reason=f"The file for {wanted.node} is missing.")
         return excused_part(missing, context.also_under(wanted.charged_by))
+    cause = _parameter_cause(context, entry, wanted)
+    if not context.charged_under(cause):
+        alone = _broken_alone(context, entry, wanted)
+        if alone:
+            return excused_part(part, alone)
     by: list[str | None] = []
     for mate in mates:
         by += _chargers(context, entry, mate)
-    return context.charge_part(part, _parameter_cause(context, entry, wanted), by)
+    return context.charge_part(part, cause, by)
+
+
+def _broken_alone(context: Context, entry: Process, wanted: WantedNode) -> str:
+    """Name the check of a node that ends alone too, by another fault than when launched; empty without one."""
+    run = context.session.process(entry.id)
+    if run is None:
+        return ""
+    if not context.charged(wanted.charged_by):
+        return ""
+    end = _end_of(context, run)
+    alone: list[_End] = []
+    for ends in _ends_alone(context, wanted).values():
+        alone += ends
+    if end in (None, *alone):
+        return ""
+    if not any(alone):
+        return ""
+    title = context.titles.get(wanted.charged_by, wanted.charged_by)
+    return f"The program does not run alone either, by another fault, which is charged under '{title}'."
 
 
 def _parameter_cause(context: Context, entry: Process, wanted: WantedNode) -> str | None:
@@ -771,13 +857,24 @@ def _ends_alone(context: Context, wanted: WantedNode) -> dict[str, list[_End]]:
 def _charged_alone(
     context: Context, end: _End, ends_alone: Mapping[str, Sequence[_End]]
 ) -> str | None:
-    """Return the first check that charges the same end of the program in another session."""
+    """Return the check that charges the same end of the program in another session.
+
+    It is the first that points at the line of this end, or else the first of that session.
+    """
     alike = {session for session, ends in ends_alone.items() if end in ends}
+    found = []
     for check, finding in context.findings.items():
         sessions = {location.session for location in finding.where}
         if alike & sessions and context.charged(check):
+            found.append(check)
+    file_and_line = None
+    if end is not None:
+        file_and_line = end[:2]
+    for check in found:
+        places = [(location.file, location.line) for location in context.findings[check].where]
+        if file_and_line in places:
             return check
-    return None
+    return next(iter(found), None)
 
 
 def _end_of(context: Context, run: ProcessRun) -> _End:
@@ -989,7 +1086,11 @@ def _judge_wiring(
     """Judge whether a parameter follows its launch argument."""
     entry = _entry_for(context, other, wanted.node, wanted.executable)
     changed = None
-    if entry is not None:
+    if entry is None:
+        if other.problem is None:
+            # The check of the nodes charges a node that these arguments leave out.
+            return Part(1.0, f"{text} (not started with other arguments)")
+    else:
         changed = entry.effective_parameters(wanted.node).get(wanted.name)
     if wanted.other is None or _same(changed, wanted.other):
         return Part(1.0, text)

@@ -624,7 +624,8 @@ def offered_qos(context: Context, p: OfferedQos) -> Finding:
     cause = endpoint_cause(p.topic)
     if context.charged_under(cause):
         return finding
-    stray = failed(finding.expected, finding.measured, reason, where=finding.where)
+    hint = f"Publish {p.type} on {p.topic}: only then do the lab's subscriptions connect."
+    stray = failed(finding.expected, finding.measured, reason, hint=hint, where=finding.where)
     return context.charge(stray, cause)
 
 

@@ -325,6 +325,79 @@ def _is_idle(statement: ast.stmt) -> bool:
     return False
 
 
+def hidden_exception(text: str) -> int | None:
+    """Return the line of the first `except` without an effect on any exception, as `except: pass`; None without one.
+
+    A handler of a narrower exception than Exception does not count.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    lines = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ExceptHandler):
+            continue
+        if node.type is not None:
+            if code_of(node.type) not in ("Exception", "BaseException"):
+                continue
+        if all(map(_hides, node.body)):
+            lines.append(node.lineno)
+    return min(lines, default=None)
+
+
+def _hides(statement: ast.stmt) -> bool:
+    match statement:
+        case ast.Pass() | ast.Continue() | ast.Return(value=None) | ast.Expr(ast.Constant()):
+            return True
+    return False
+
+
+def debug_log(text: str) -> int | None:
+    """Return the line of the first call of a logger's debug(); None without one.
+
+    At rclpy's usual level, info, `self.get_logger().debug("...")` prints nothing.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    lines = []
+    for node in ast.walk(tree):
+        match node:
+            case ast.Call(func=ast.Attribute(attr="debug") as function):
+                if code_of(function).endswith("get_logger().debug"):
+                    lines.append(node.lineno)
+    return min(lines, default=None)
+
+
+def always_true_parameter(text: str) -> int | None:
+    """Return the line of the first condition on a parameter's object in place of its value; None without one.
+
+    Example: `if self.get_parameter("on"):` is always true, and lacks `.value`.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    lines = []
+    for node in ast.walk(tree):
+        for condition in _conditions(node):
+            match condition:
+                case ast.Call(func=ast.Attribute(attr="get_parameter")):
+                    lines.append(condition.lineno)
+    return min(lines, default=None)
+
+
+def _conditions(node: ast.AST) -> Sequence[ast.expr]:
+    """Return the conditions of a node."""
+    match node:
+        case ast.If(test=test) | ast.IfExp(test=test) | ast.While(test=test):
+            return [test]
+        case ast.UnaryOp(op=ast.Not(), operand=operand):
+            return [operand]
+        case ast.BoolOp(values=values):
+            return values
+    return []
+
+
 def late_lambda(text: str) -> tuple[int, str] | None:
     """Return the line of the first lambda in a loop that uses the loop's variable, and the variable; None without one.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,11 +93,14 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     reasons = _wrong_rows(p, rows)
     unsafe = _unsafe(context, p)
     if unsafe is not None:
-        reason = " ".join([*reasons, unsafe.reason])
-        measured = unsafe.measured or measured
         share = 0.0
+        beginning = reasons
         if good == len(rows):
             share = p.unsafe_credit
+            beginning = ["The numbers are finite and within reach, but they do not move the joints as they should."]
+        reason = " ".join([*beginning, unsafe.reason])
+        if unsafe.measured:
+            measured = f"{measured}; {unsafe.measured}"
         return graded(share, expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
     share = good / len(rows)
     if good < len(rows):
@@ -507,7 +510,35 @@ def _judge_component(
     if moved < p.tolerance * c.amplitude:
         return Part(0.0, f"[{c.index}] does not move", f"Element {c.index} does not move.")
     got = f"Element {c.index} has amplitude {amplitude} and frequency {frequency} Hz"
-    return _wrong_motion(best, c, p, text, got)
+    return _if_held(_wrong_motion(best, c, p, text, got), c.index, _held(values))
+
+
+def _if_held(wrong: Part, index: int, held: int) -> Part:
+    """Return a wrong motion, with the usual length of its steps if it moves in steps."""
+    if held < _LEAST_HELD:
+        return wrong
+    jumps = (
+        f"Element {index} keeps each value for about {held} messages and then jumps to the next."
+    )
+    hint = "Count the time in fractions of a second: `//`, int() and `.sec` cut them off."
+    return replace(wrong, reason=f"{jumps} {wrong.reason}", hint=hint)
+
+
+#: Number of equal messages in a row from which the time of a motion advances in steps.
+_LEAST_HELD = 5
+
+
+def _held(values: Floats) -> int:
+    """Return the median length of runs of one value, in messages, between its changes.
+
+    Examples
+    --------
+    `[0, 0, 0, 1, 1, 1, 2]` gives 3. The lengths of the first and the last run are not known.
+    """
+    changes = np.flatnonzero(np.diff(values)) + 1
+    if len(changes) < 2:
+        return 0
+    return int(np.median(np.diff(changes)))
 
 
 def _distinguished(got: float, wanted: float, p: Sinusoids) -> str:

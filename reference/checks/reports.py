@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -34,9 +35,11 @@ from grader.own_checks import (
     apart,
     appended_again,
     check,
+    debug_log,
     excused,
     failed,
     graded,
+    hidden_exception,
     passed,
     quantise,
     unclear,
@@ -442,12 +445,46 @@ def _less_if_outdated(
 def _no_report(context: Context, p: ReportedSeries, expected: str) -> Finding:
     """State that the node printed no report."""
     run = _last_run(context, p.artifact)
+    lines: list[str] = []
+    if run is not None:
+        end_s = math.inf
+        if run.interrupted_s is not None:
+            end_s = run.interrupted_s
+        lines = [line.text for line in run.lines if line.t_s <= end_s]
     others = ""
-    if run is not None and run.lines:
-        last = run.lines[-1].text[:100]
-        others = f"; it printed {len(run.lines)} others, the last of which is {last!r}"
+    if lines:
+        others = f"; it printed {len(lines)} others, the last of which is {lines[-1][:100]!r}"
     reason = f"The node printed no tracking error in the requested form, neither to its output nor to its log{others}."
-    return unexplained(failed(expected, "no report", reason))
+    nothing = failed(expected, "no report", reason)
+    return unexplained(_explained_by_source(context, p.artifact, nothing))
+
+
+def _source(context: Context, artifact: str) -> tuple[str, str]:
+    """Return the path and the text of an artifact; both are empty without a file."""
+    path = context.path_of(artifact)
+    text = None
+    if path is not None:
+        text = context.text(path)
+    if path is None or text is None:
+        return "", ""
+    return path, text
+
+
+def _explained_by_source(context: Context, artifact: str, nothing: Finding) -> Finding:
+    """Name the line of a silent `except`, or else of a log below the usual level."""
+    path, text = _source(context, artifact)
+    line = hidden_exception(text)
+    said = "hides each exception of the code above it, so that nothing shows why"
+    hint = "Take the try and its except away, run it again, and correct the line that the traceback names."
+    if line is None:
+        line = debug_log(text)
+        said = "logs at the level debug, which is not shown unless it is asked for"
+        hint = "Log it with info(), as the lab asks."
+    if line is None:
+        return nothing
+    reason = f"{nothing.reason} Line {line} of {path} {said}."
+    where = (Location(file=path, line=line), *nothing.where)
+    return replace(nothing, reason=reason, hint=hint, where=where)
 
 
 def _mistake(
@@ -648,7 +685,7 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     run = _last_run(context, p.artifact)
     printed = _printed(p, run)
     if printed is None:
-        return _nothing_printed(p, run, expected)
+        return _nothing_printed(context, p, run, expected)
     finding = _judge_vector(context, p, streams, printed)
     if p.shorter is None:
         return finding
@@ -680,18 +717,41 @@ def _printed(p: ReportedStatistics, run: Run | None) -> PrintedVector | None:
     return run.printed_vector(labels, p.unless)
 
 
-def _nothing_printed(p: ReportedStatistics, run: Run | None, expected: str) -> Finding:
+def _nothing_printed(
+    context: Context, p: ReportedStatistics, run: Run | None, expected: str
+) -> Finding:
     """State that no vector was printed."""
     if run is not None:
         flaky = run.flaky_end()
         if flaky:
             return unclear(expected, "nothing", flaky)
+    empty = _empty_line(p, run)
+    if empty:
+        reason = f"It prints {empty!r}, without a number."
+        hint = "Add to the history only once a command is known: an entry without numbers leaves none to print."
+        return unexplained(failed(expected, f"{empty!r}", reason, hint=hint))
     reason = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
     hint = (
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
     nothing = failed(expected, "no such line", reason, hint=hint)
+    _, text = _source(context, p.artifact)
+    if hidden_exception(text) is not None:
+        nothing = _explained_by_source(context, p.artifact, nothing)
     return unexplained(nothing)
+
+
+def _empty_line(p: ReportedStatistics, run: Run | None) -> str:
+    """Return the last line with the label and an empty list, as in `Mean: []`; empty without one."""
+    if run is None:
+        return ""
+    labels = "|".join(re.escape(word) for word in (p.label, *p.synonyms))
+    pattern = re.compile(rf"\W*(?:{labels})\b[^\[\]]{{0,40}}\[\s*\]\W*", re.IGNORECASE)
+    found = ""
+    for line in run.lines:
+        if pattern.fullmatch(line.text):
+            found = line.text.strip()
+    return found
 
 
 #: Share of messages lost to the machine from which the printed numbers may be of the others.
@@ -729,7 +789,7 @@ def _judge_vector(
     reason = f"Expected: {vector.right_text}."
     count = len(printed.values)
     if count != p.length:
-        reason = f"{count} numbers are printed, not one for each of {p.length}. {reason}"
+        reason = f"{_numbers_are(count)} printed, not one for each of {p.length}. {reason}"
         few = failed(vector.expected, vector.measured, reason)
         return context.charge(few, f"{p.artifact}: {count} numbers")
     heard, comparable = _heard_of_some(context, p, streams)
@@ -750,6 +810,13 @@ def _judge_vector(
     if heard and lost >= _LOST_SHARE:
         best = 1.0
     return _regraded(vector.right, vector.share, reason, best, doubt)
+
+
+def _numbers_are(count: int) -> str:
+    """Return the beginning of a sentence about some numbers."""
+    if count == 1:
+        return "1 number is"
+    return f"{count} numbers are"
 
 
 def _agrees(

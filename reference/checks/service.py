@@ -24,6 +24,7 @@ from grader.own_checks import (
     SetLabel,
     Share,
     Step,
+    always_true_parameter,
     answer_cause,
     apart,
     check,
@@ -427,7 +428,25 @@ def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Findi
     if _fits(gate.off_from_start, p.refused):
         reason = f"{_AT_START} a change while it runs has no effect."
         return gate.graded(p.from_start_credit, reason)
-    return gate.graded(0.0, "It enables although the parameter is false.")
+    reason = "It enables although the parameter is false."
+    place = _always_true(context)
+    if place is None:
+        return gate.graded(0.0, reason)
+    reason += f" Line {place.line} of {place.file} tests the parameter's object, which is always true, not its value."
+    hint = f"Take the value in line {place.line}: get_parameter(...).value."
+    return gate.graded(0.0, reason, hint, [place])
+
+
+def _always_true(context: Context) -> Location | None:
+    """Return the first condition on a parameter's object in place of its value; None without one."""
+    for path in context.paths:
+        text = context.text(path)
+        line = None
+        if text is not None:
+            line = always_true_parameter(text)
+        if line is not None:
+            return Location(file=path, line=line)
+    return None
 
 
 def _says_no(p: CallGated, answer: Answer) -> bool:

@@ -1067,6 +1067,82 @@ def test_the_same_end_as_alone_is_charged_once(
     assert ("charged under 'talk.rate'" in finding.reason) == (credit == "1")
 
 
+def two_programs(talker: str = "", listener: str = "") -> Any:
+    """Give a submission with a file for each node, and nodes that start them."""
+    record = submission(
+        {"talk.py": talker, "listen.py": listener}, talk="talk.py", listen="listen.py"
+    )
+    wanted = [{**each, "artifact": each["executable"]} for each in NODES["nodes"]]
+    return record, {**NODES, "nodes": wanted}
+
+
+def test_another_program_under_the_name_of_a_node_earns_nothing(tmp_path: Path) -> None:
+    """A node's name in the graph proves nothing of its program, which the executable tells."""
+    record, wanted = two_programs()
+    twice = [BOTH[0], {**entry("talk", "listener", file="talk.py", line=9), "id": "talk-2"}]
+    session = planned(Session(tmp_path), processes=twice).node("/talker").node("/listener")
+    finding = judged("launch_nodes", wanted, session, record)
+    assert finding.credit == Decimal("0.5")
+    assert finding.reason == "/listener runs talk.py, not listen.py."
+    assert finding.hint == "Give this Node the executable of listen.py: executable='listen'."
+    assert finding.where[0].line == 9
+    both = two_programs(talker='name = "listener"')[0]
+    assert judged("launch_nodes", wanted, session.recorded(), both).outcome is Outcome.PASSED
+
+
+def test_an_unnamed_node_that_ended_is_found_by_its_source(tmp_path: Path) -> None:
+    """Without a name in the launch file, the file that names the node is the one that runs it."""
+    record, wanted = two_programs(talker="super().__init__('talker')")
+    unnamed = [entry("talk", None), BOTH[1]]
+    session = planned(Session(tmp_path), processes=unnamed).node("/talker").node("/listener")
+    session.process("talk-1", CRASHED, artifact=None, exited_ns=at(1.6), **FELL)
+    finding = judged("launch_nodes", wanted, session, record)
+    assert finding.measured == "/talker (ended), /listener"
+
+
+def test_a_node_with_another_fault_alone_is_not_said_to_have_the_same(tmp_path: Path) -> None:
+    """The fault of the launch file costs nothing beside it, and the sentence keeps the two apart."""
+    alone = Session(tmp_path, "alone")
+    alone.process("it", [CRASHED[0], CRASHED[1].replace("9", "12"), CRASHED[2]], **FELL)
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("talk-1", CRASHED, artifact=None, **FELL)
+    findings = {"talk.publishes": FAILED}
+    finding = judged(
+        "launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()}
+    )
+    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
+    assert "by another fault, which is charged under 'talk.publishes'" in finding.reason
+    assert "This mistake" not in finding.reason
+
+
+def test_an_end_is_charged_by_the_check_that_points_at_its_line(tmp_path: Path) -> None:
+    """An earlier check of the same session can have another cause."""
+    alone = Session(tmp_path, "alone")
+    alone.process("it", CRASHED, **FELL)
+    session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
+    session.process("talk-1", CRASHED, artifact=None, **FELL)
+    other = failed("", "", "", where=[Location(session="alone")])
+    here = failed("", "", "", where=[Location(file="it.py", line=9), Location(session="alone")])
+    findings = {"talk.mean": other, "talk.survives": here}
+    finding = judged(
+        "launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()}
+    )
+    assert "charged under 'talk.survives'" in finding.reason
+
+
+def test_a_parameter_of_a_node_that_other_arguments_leave_out_is_not_charged(
+    tmp_path: Path,
+) -> None:
+    """The check of the nodes charges it; a plan with a problem leaves nothing to judge by."""
+    session = planned(
+        Session(tmp_path),
+        processes=[entry("talk", "talker", parameters=[{"name": "rate", "value": 100.0}])],
+    )
+    planned(session, "other", processes=[])
+    finding = judged("launch_parameters", PARAMETERS, session)
+    assert finding.outcome is Outcome.PASSED
+
+
 def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
     """The measurement shows a node that ended apart from a node that stayed."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")

@@ -7,8 +7,11 @@ import pytest
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import explain
 from grader.evidence.source_causes import (
+    always_true_parameter,
     appended_again,
     corrected,
+    debug_log,
+    hidden_exception,
     late_lambda,
     silent_cause,
 )
@@ -153,6 +156,45 @@ def test_a_callback_without_return_is_marked_at_its_end(last: str, path: str) ->
 def test_a_callback_that_returns_is_not_marked(last: str) -> None:
     """Another program of the same kind may be the cause."""
     assert corrected(SPINS, {"it.py": ENDS.format(last=last)}) is SPINS
+
+
+@pytest.mark.parametrize(
+    ("handler", "line"),
+    [
+        ("except: pass", 4),
+        ("except Exception as error: return", 4),
+        ("except BaseException: ...", 4),
+        ("except ValueError: pass", None),
+        ("except Exception as error: print(error)", None),
+        ("finally: pass", None),
+    ],
+)
+def test_a_handler_that_hides_each_exception_is_found(handler: str, line: int | None) -> None:
+    """A handler with a narrower exception, or with a word about it, hides nothing."""
+    text = f"def on_state(msg):\n    try:\n        use(msg)\n    {handler}\n"
+    assert hidden_exception(text) == line
+
+
+def test_a_log_below_the_usual_level_is_found() -> None:
+    """Only debug() of a node's logger is quiet."""
+    text = "self.get_logger().info('a')\nself.get_logger().debug('b')\nother.debug('c')\n"
+    assert debug_log(text) == 2
+    assert debug_log("other.debug('c')") is None
+
+
+@pytest.mark.parametrize(
+    ("condition", "line"),
+    [
+        ("if on and not self.get_parameter('safe'): pass", 1),
+        ("if self.get_parameter('safe'): pass", 1),
+        ("x = 1 if node.get_parameter('safe') else 0", 1),
+        ("if self.get_parameter('safe').value: pass", None),
+        ("if self.get_parameter('safe') == other: pass", None),
+    ],
+)
+def test_a_condition_on_a_parameters_object_is_found(condition: str, line: int | None) -> None:
+    """The object is always true, its value is not."""
+    assert always_true_parameter(condition) == line
 
 
 @pytest.mark.parametrize(

@@ -375,6 +375,14 @@ def told(final: str, library: str = "") -> Diagnosis:
             "count",
         ),
         (
+            "AttributeError: 'Float64MultiArray' object has no attribute 'header'",
+            "",
+            "missing-attribute",
+            "header",
+        ),
+        ("TypeError: 'int' object is not iterable", "", "not-iterable", ""),
+        ("ValueError: too many values to unpack (expected 2)", "", "unpacking", ""),
+        (
             "TypeError: RcutilsLogger.info() takes 2 positional arguments but 3 were given",
             "",
             "arguments",

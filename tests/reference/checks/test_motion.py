@@ -288,6 +288,17 @@ def test_an_element_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert "no element 1" in finding.reason
 
 
+@pytest.mark.parametrize(("held", "is_named"), [(1, False), (3, False), (100, True)])
+def test_a_time_that_advances_in_steps_is_named(tmp_path: Path, held: int, is_named: bool) -> None:
+    """A motion by whole seconds keeps each value for a hundred messages."""
+    times = np.array(evenly(100, 6.0))
+    ticks = np.arange(len(times)) // held * held
+    rows = motion(ticks * 0.01)
+    finding = judged(SINUSOIDS, MOTION, published(tmp_path, times.tolist(), rows))
+    assert ("keeps each value for about 100 messages" in finding.reason) == is_named
+    assert ("fractions of a second" in finding.hint) == is_named
+
+
 def test_a_square_wave_is_no_clean_sine(tmp_path: Path) -> None:
     """A motion of another shape is told to be no sine."""
     times = np.array(evenly(100, 6.0))

@@ -192,6 +192,32 @@ def test_no_report_fails(tmp_path: Path) -> None:
     assert "no tracking error" in finding.reason
 
 
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("try:\n    use()\nexcept: pass\n", "Line 3 of it.py hides each exception"),
+        ("self.get_logger().debug('RMS')\n", "Line 1 of it.py logs at the level debug"),
+    ],
+)
+def test_no_report_is_explained_by_the_source(tmp_path: Path, source: str, words: str) -> None:
+    """A handler without a word and a quiet log are named with their lines."""
+    session, _ = stimulus(tmp_path)
+    session.process("it", interrupted_ns=None)
+    finding = judged(REPORTED_SERIES, SERIES, session, submission({"it.py": source}))
+    assert words in finding.reason
+    assert finding.where[0].file == "it.py"
+
+
+def test_statistics_without_a_number_are_quoted(tmp_path: Path) -> None:
+    """An empty list behind the label is no missing line."""
+    session = with_reports(*stimulus(tmp_path))
+    session.record.processes[0].output.append(
+        replace(session.record.processes[0].output[-1], t_ns=0, text="Mean: []")
+    )
+    finding = judged(REPORTED_STATISTICS, STATISTICS, session)
+    assert finding.reason == "It prints 'Mean: []', without a number."
+
+
 def test_what_a_node_reports_in_another_form_is_shown(tmp_path: Path) -> None:
     """A node that printed something else on each state is not said to be silent."""
     session, times = stimulus(tmp_path)

@@ -126,6 +126,17 @@ def test_refusal_and_recovery_are_half_each(
     assert words in finding.reason
 
 
+def test_a_parameters_object_as_a_condition_is_named(tmp_path: Path) -> None:
+    """The hint is to add `.value`."""
+    session = Session(tmp_path).step("set_parameters", "off", "done", parameters=SWITCHED_OFF)
+    for label in ("refuse", "recover", "from_start"):
+        called(session, label, call(answer(True)))
+    record = submission({"it.py": "\nif self.get_parameter('safety'):\n    go()\n"})
+    finding = judged(CALL_GATED, GATED, session.process(), record)
+    assert "Line 2 of it.py tests the parameter's object" in finding.reason
+    assert finding.where[0].line == 2
+
+
 def test_a_parameter_of_another_name_forbids_nothing_by_its_own(tmp_path: Path) -> None:
     """All is right by the other name, and part of the credit is left."""
     session = Session(tmp_path).step(
