@@ -23,6 +23,7 @@ STANDING, MEASURED = -10, -15
 _SLICE_NS = 100_000
 _SCHED_SETATTR = 314  # x86-64
 _SCHED_NORMAL, _RESET_ON_FORK = 0, 1
+_LIBC = ctypes.CDLL(None)
 #: Priorities in real time: of trusted processes, and of the watch above them.
 RECORDING, WATCHING = 1, 2
 #: Time that a process may compute in real time without a pause before the kernel ends it; the watch demotes it earlier.
@@ -84,7 +85,7 @@ def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:
             attributes = struct.pack(
                 "=IIQiIQQQ", 48, _SCHED_NORMAL, flags, value, 0, _SLICE_NS, 0, 0
             )
-            if ctypes.CDLL(None).syscall(_SCHED_SETATTR, tid, attributes, 0) == 0:
+            if _LIBC.syscall(_SCHED_SETATTR, tid, attributes, 0) == 0:
                 return
 
 
