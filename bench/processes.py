@@ -34,6 +34,7 @@ FORK_SERVER, UNSEEN = "fork server", "too short to be seen"
 _OWN = {
     "session": FIRST,
     "sandbox": FIRST,
+    "fork server": FORK_SERVER,
     "director": "director",
     "cpu watch": "CPU watch",
     "link": LINK,
