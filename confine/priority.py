@@ -8,6 +8,7 @@ a tool with 13 threads on its core then waited for 1.6 s of 10 s there, and for 
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
 import struct
 from collections.abc import Iterable, Iterator
@@ -70,8 +71,15 @@ def _weigh_session(pid: int, nice: int = STANDING) -> None:
 
     With autogroups, the nice value of a process counts within its session only (sched(7)).
     """
+    if not _weighs_sessions():
+        return
     with suppress(OSError):
         Path(f"/proc/{pid}/autogroup").write_text(str(nice))
+
+
+@functools.cache
+def _weighs_sessions() -> bool:
+    return Path("/proc/self/autogroup").exists()
 
 
 def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:

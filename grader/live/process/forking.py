@@ -86,12 +86,16 @@ def may_fork_as(environment: Mapping[str, str]) -> bool:
 
     The dynamic loader and Python keep settings from the start of a process, and a fork has one thread only.
     """
-    if threading.active_count() > 1 or sys.getfilesystemencoding() != "utf-8":
+    if threading.active_count() > 1:
         return False
-    if sys.stdout is not sys.__stdout__ or sys.stderr is not sys.__stderr__:
+    if sys.getfilesystemencoding() != "utf-8":
         return False
-    settings = {name for name in os.environ if name.startswith(_OF_LOADER)}
-    if settings - {_LIBRARIES} or _entries(os.environ) != _entries(environment):
+    if (sys.stdout, sys.stderr) != (sys.__stdout__, sys.__stderr__):
+        return False
+    for name in os.environ:
+        if name.startswith(_OF_LOADER) and name != _LIBRARIES:
+            return False
+    if _entries(os.environ) != _entries(environment):
         return False
     return _has_own_modules_alone()
 
@@ -104,8 +108,11 @@ def _has_own_modules_alone() -> bool:
     """Return whether Python takes no modules from the working folder, from variables or from the user's home."""
     if sys.flags.isolated:
         return True
-    if site.ENABLE_USER_SITE or os.environ.get("PYTHONPATH") or os.environ.get("PYTHONHOME"):
+    if site.ENABLE_USER_SITE:
         return False
+    for name in ("PYTHONPATH", "PYTHONHOME"):
+        if os.environ.get(name):
+            return False
     return sys.path[0] == _SCRIPTS
 
 

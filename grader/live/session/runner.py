@@ -77,8 +77,8 @@ def given_in_steps(rubric: Rubric, *keys: str, sessions: Sequence[str] | None = 
 
 def likely_used(rubric: Rubric, sessions: Sequence[str] | None = None) -> list[str | Path]:
     """Return the interface types and programs that some or all sessions are likely to use, see `ForkServer`."""
-    files = [file.resolve() for file in rubric.reference_programs]
-    return [*given_in_steps(rubric, "type", sessions=sessions), *files]
+    types = given_in_steps(rubric, "type", sessions=sessions)
+    return [*types, *map(Path.resolve, rubric.reference_programs)]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What is loaded before the sessions' processes are forked."""
+"""Modules and models are loaded before the processes of sessions are forked."""
 
 from __future__ import annotations
 
