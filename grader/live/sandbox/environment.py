@@ -30,8 +30,6 @@ from launch_plan.exchange import PACKAGE
 
 #: Folder of the tap and of the settings of discovery, as seen in a student's sandbox.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
-#: Settings of Fast DDS for the grader's own nodes.
-_OWN_PROFILES = INSIDE_FOLDER.parents[1] / "ros_node/profiles.xml"
 #: Folder of the program that evaluates launch files there.
 LAUNCHING_FOLDER = PACKAGE
 
@@ -105,7 +103,7 @@ def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
         "TMPDIR": str(home),
         "ROS_LOG_DIR": str(home / "log"),
         "ROS_DOMAIN_ID": str(domain_id),
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(_OWN_PROFILES),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(INSIDE_FOLDER / "discovery.xml"),
     }
 
 
