@@ -32,7 +32,7 @@ def import_for(programs: Iterable[Path]) -> list[str]:
     Modules of the lab itself are not imported, but read for their imports. Missing modules are passed over, because the
     program itself reports them. An import such as `from std_msgs.msg import Empty` names the interface "std_msgs/msg/Empty".
     """
-    interfaces = []
+    interfaces: list[str] = []
     seen: set[Path] = set()
     waiting = list(programs)
     while waiting:
