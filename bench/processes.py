@@ -1,6 +1,7 @@
 """CPU time of a grading, process by process.
 
-The processes of a grading are found in /proc twenty times a second, by their parents.
+The processes of a grading are found in /proc twenty times a second, by their parents. The student's programs are in its
+recordings too, with the CPU time until their ends.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.submissions import SOLUTION
+from grader.recording.session import SESSION_FILE, read_session
+from grader.result_folder import RECORDINGS
 
 _PERIOD_S = 0.05
 #: Parts of the commands of evaluations and of the fork server, also of its forks.
@@ -34,6 +37,7 @@ FORK_SERVER, UNSEEN = "fork server", "too short to be seen"
 _OWN = {
     "session": FIRST,
     "sandbox": FIRST,
+    "fork server": FORK_SERVER,
     "director": "director",
     "cpu watch": "CPU watch",
     "link": LINK,
@@ -115,13 +119,19 @@ def _kind_outside(commands: str, depth: int) -> str:
     return FORKS
 
 
-def by_kind(processes: Iterable[Process], whole_s: float) -> dict[str, float]:
-    """Return the CPU time of each kind of process; the rest of the whole belongs to unseen ones."""
+def by_kind(
+    processes: Iterable[Process], whole_s: float, students_s: float = 0.0
+) -> dict[str, float]:
+    """Return the CPU time of each kind of process; the rest of the whole belongs to unseen ones.
+
+    The student's programs have `students_s` at least, because their last moments are not seen.
+    """
     known = {process.pid: process for process in processes}
     found: dict[str, float] = {}
     for process in known.values():
         kind = kind_of(process, known)
         found[kind] = found.get(kind, 0.0) + process.cpu_s
+    found[STUDENTS] = max(students_s, found.get(STUDENTS, 0.0))
     found[UNSEEN] = max(0.0, whole_s - sum(found.values()))
     return found
 
@@ -147,7 +157,19 @@ def graded(results: Path) -> dict[str, float]:
         running.returncode = os.waitstatus_to_exitcode(status)
     if running.returncode != 0:
         raise RuntimeError(f"grade ended with status {running.returncode}")
-    return by_kind(seen.values(), used.ru_utime + used.ru_stime)
+    whole_s = used.ru_utime + used.ru_stime
+    return by_kind(seen.values(), whole_s, recorded_s(results / SOLUTION.name / RECORDINGS))
+
+
+def recorded_s(recordings: Path) -> float:
+    """Return the CPU time of the student's programs until their ends by the recordings, in s."""
+    total_ns = 0
+    for file in recordings.glob(f"*/{SESSION_FILE}"):
+        for run in read_session(file.parent).processes:
+            if run.role == "student":
+                for last in run.usage[-1:]:
+                    total_ns += last.cpu_ns
+    return total_ns / 1e9
 
 
 def table_rows(runs: Sequence[Mapping[str, float]]) -> list[list[str]]:

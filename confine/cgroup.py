@@ -6,7 +6,6 @@ The name of a group holds the number of its sandbox: the next sandbox of that nu
 from __future__ import annotations
 
 import os
-import re
 import signal
 import time
 from collections.abc import Mapping, Sequence
@@ -142,9 +141,9 @@ def _kill_all(group: Path) -> None:
 def _counter(file: Path, name: str) -> int:
     """Return a counter from a file with lines such as "oom_kill 2", 0 if it is not there."""
     with suppress(OSError):
-        found = re.search(rf"^{name} (\d+)$", read_bytes_of(str(file)).decode(), re.MULTILINE)
-        if found is not None:
-            return int(found[1])
+        words = read_bytes_of(str(file)).decode().split()
+        if name in words:
+            return int(words[words.index(name) + 1])
     return 0
 
 

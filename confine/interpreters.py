@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import sysconfig
@@ -11,7 +12,8 @@ from pathlib import Path
 OWN_INTERPRETER = Path(sys.executable)
 
 
-def interpreter_roots(interpreter: Path) -> list[Path]:
+@functools.cache
+def interpreter_roots(interpreter: Path) -> tuple[Path, ...]:
     """Return the folders of an interpreter: its virtual environment and the installation behind it."""
     real = interpreter.resolve().parent.parent
     stdlib = real
@@ -20,7 +22,7 @@ def interpreter_roots(interpreter: Path) -> list[Path]:
     # A link may be anywhere, such as in ~/bin; the other files there must stay hidden.
     linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
     installed = [folder for folder in linked if _is_installation(folder)]
-    return list(dict.fromkeys([*installed, real, stdlib]))
+    return tuple(dict.fromkeys([*installed, real, stdlib]))
 
 
 def interpreter_links(interpreter: Path) -> dict[Path, str]:

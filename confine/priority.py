@@ -8,6 +8,7 @@ a tool with 13 threads on its core then waited for 1.6 s of 10 s there, and for 
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
 import struct
 from collections.abc import Iterable, Iterator
@@ -23,6 +24,7 @@ STANDING, MEASURED = -10, -15
 _SLICE_NS = 100_000
 _SCHED_SETATTR = 314  # x86-64
 _SCHED_NORMAL, _RESET_ON_FORK = 0, 1
+_LIBC = ctypes.CDLL(None)
 #: Priorities in real time: of trusted processes, and of the watch above them.
 RECORDING, WATCHING = 1, 2
 #: Time that a process may compute in real time without a pause before the kernel ends it; the watch demotes it earlier.
@@ -69,8 +71,15 @@ def _weigh_session(pid: int, nice: int = STANDING) -> None:
 
     With autogroups, the nice value of a process counts within its session only (sched(7)).
     """
+    if not _weighs_sessions():
+        return
     with suppress(OSError):
         Path(f"/proc/{pid}/autogroup").write_text(str(nice))
+
+
+@functools.cache
+def _weighs_sessions() -> bool:
+    return Path("/proc/self/autogroup").exists()
 
 
 def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:
@@ -84,7 +93,7 @@ def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:
             attributes = struct.pack(
                 "=IIQiIQQQ", 48, _SCHED_NORMAL, flags, value, 0, _SLICE_NS, 0, 0
             )
-            if ctypes.CDLL(None).syscall(_SCHED_SETATTR, tid, attributes, 0) == 0:
+            if _LIBC.syscall(_SCHED_SETATTR, tid, attributes, 0) == 0:
                 return
 
 

@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     write_to_any_terminal()
-    console = _Console(highlight=False)
+    console = _Console(highlight=False, emoji=False)
     # Imported modules stay: looking for garbage in them took a sixth of the start, and 0.16 s at the end.
     gc.set_threshold(200_000, 20, 100)
     atexit.register(gc.freeze)

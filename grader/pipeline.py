@@ -40,7 +40,7 @@ from grader.live.sandbox.installation import Installation, wheels_of
 from grader.live.sandbox.probing import require
 from grader.live.session.built import note_installed
 from grader.live.session.program import StudentProgram
-from grader.live.session.runner import Progress, SessionRunner, given_in_steps
+from grader.live.session.runner import Progress, SessionRunner, likely_used
 from grader.live.session.scheduler import LocalScheduler, Scheduler
 from grader.live.session.stage import stage
 from grader.live_exports import LiveExports
@@ -312,8 +312,7 @@ class Grading:
     ) -> SessionRunner:
         """Prepare the sessions: sandbox, interfaces, workspace. All of it ends with the stack."""
         isolation = self._isolation(scheduler)
-        types = given_in_steps(self.rubric, "type", sessions=chosen)
-        forks = stack.enter_context(scheduler.fork_server(types))
+        forks = stack.enter_context(scheduler.fork_server(likely_used(self.rubric, chosen)))
         native = self._native_launch()
         self._note_left_out(chosen)
         needs = self._needs(chosen)

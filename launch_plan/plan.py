@@ -444,6 +444,11 @@ class Plan:
         return {"schema": SCHEMA, **_plain(self)}
 
 
+def prepare_reader() -> None:
+    """Build the reader of plans, which the first plan would build otherwise; forks then have it."""
+    _reader().rebuild()
+
+
 @cache
 def _reader() -> TypeAdapter[Plan]:
     return TypeAdapter(Plan)

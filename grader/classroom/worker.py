@@ -46,7 +46,7 @@ from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.waiting import within
 from grader.live.sandbox.environment import SOURCED
 from grader.live.session.fork_server import ForkServer
-from grader.live.session.runner import Progress, given_in_steps
+from grader.live.session.runner import Progress, likely_used
 from grader.live.session.scheduler import Slot
 from grader.live_exports import export_variables
 
@@ -210,7 +210,7 @@ def main() -> None:
         def program_of(request: bytes) -> Program:
             job: Job = pickle.loads(Path(os.fsdecode(request)).read_bytes())
             if not servers:  # All jobs have the same rubric.
-                servers.append(stack.enter_context(ForkServer(given_in_steps(job.rubric, "type"))))
+                servers.append(stack.enter_context(ForkServer(likely_used(job.rubric))))
                 # A failed import is reported by its first use.
                 with suppress(Exception):
                     prepare(job.rubric, job.rubric.reference_programs)
@@ -262,8 +262,8 @@ class _WorkerScheduler:
         with self.work("reading"):
             pass
 
-    def fork_server(self, types: Sequence[str]) -> ForkServer:
-        """Return a branch of the class's server, which ends with this process and has loaded all types of the lab."""
+    def fork_server(self, likely: Sequence[str | Path]) -> ForkServer:
+        """Return a branch of the class's server, which ends with this process and has loaded all that the lab uses."""
         return self.forks.branch(self.isolation.form)
 
     def slots(self, specs: Sequence[SessionSpec], attempt: int) -> Slot:

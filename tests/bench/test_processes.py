@@ -45,6 +45,13 @@ def test_each_process_has_its_kind() -> None:
     }
 
 
+def test_the_last_moments_of_the_students_programs_are_theirs() -> None:
+    """Without the recorded time they would pass for processes of the grader's."""
+    found = by_kind(_SEEN, 14.0, 4.375)
+    assert found["student's programs"] == 4.375
+    assert found["too short to be seen"] == 0.125
+
+
 def test_an_ended_process_keeps_its_command() -> None:
     """Until its parent has asked for its end, the kernel shows it without a command."""
     server = _SEEN[3]

@@ -36,7 +36,7 @@ def environment(folder: Path, program: Path) -> Path:
 def test_an_environment_needs_itself_and_its_installation(tmp_path: Path, installed: Path) -> None:
     """An environment needs only its own folder and its installation's."""
     python = environment(tmp_path / "venv", installed)
-    assert interpreter_roots(python) == [tmp_path / "venv", tmp_path / "opt/python"]
+    assert interpreter_roots(python) == (tmp_path / "venv", tmp_path / "opt/python")
     assert interpreter_links(python) == {}
 
 
@@ -46,7 +46,7 @@ def test_a_link_in_somebodys_home_does_not_open_the_home(tmp_path: Path, install
     link.parent.mkdir(parents=True)
     link.symlink_to(installed)
     python = environment(tmp_path / "venv", link)
-    assert interpreter_roots(python) == [tmp_path / "venv", tmp_path / "opt/python"]
+    assert interpreter_roots(python) == (tmp_path / "venv", tmp_path / "opt/python")
     assert interpreter_links(python) == {link: str(installed)}
     assert tmp_path / "home" not in interpreter_roots(link)
     assert interpreter_links(link) == {link: str(installed)}

@@ -97,6 +97,8 @@ def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
     """Environment of the grader's own processes: director and reference nodes."""
     return {
         **own_ros(),
+        # Pydantic would look for plugins in each installed package.
+        "PYDANTIC_DISABLE_PLUGINS": "__all__",
         "HOME": str(home),
         "TMPDIR": str(home),
         "ROS_LOG_DIR": str(home / "log"),

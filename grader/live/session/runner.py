@@ -75,6 +75,12 @@ def given_in_steps(rubric: Rubric, *keys: str, sessions: Sequence[str] | None = 
     )
 
 
+def likely_used(rubric: Rubric, sessions: Sequence[str] | None = None) -> list[str | Path]:
+    """Return the interface types and programs that some or all sessions are likely to use, see `ForkServer`."""
+    types = given_in_steps(rubric, "type", sessions=sessions)
+    return [*types, *map(Path.resolve, rubric.reference_programs)]
+
+
 @dataclass(frozen=True)
 class SessionRunner:
     """The sessions of one submission, ready to be recorded, each in a folder of its own below `recordings`.

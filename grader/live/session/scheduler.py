@@ -57,8 +57,8 @@ class Scheduler(Protocol):
         """Return how students' code is confined."""
         ...
 
-    def fork_server(self, types: Sequence[str]) -> ForkServer:
-        """Return a context that starts the sandboxes of one submission with sessions of these interface types."""
+    def fork_server(self, likely: Sequence[str | Path]) -> ForkServer:
+        """Return a context that starts the sandboxes of one submission; for `likely` see `ForkServer`."""
         ...
 
     def slots(self, specs: Sequence[SessionSpec], attempt: int) -> Slot:
@@ -103,9 +103,9 @@ class LocalScheduler(ExitStack):
         """Return how code can be confined, as soon as the test has ended, or raise the error of the test."""
         return self._probed()
 
-    def fork_server(self, types: Sequence[str]) -> ForkServer:
-        """Return a branch of the fork server, which begins to load the interface types."""
-        self._forks.types = types
+    def fork_server(self, likely: Sequence[str | Path]) -> ForkServer:
+        """Return a branch of the fork server, which begins to load these types and the programs' modules."""
+        self._forks.likely = likely
         return self._forks.branch(self.isolation.form)
 
     def slots(self, specs: Sequence[SessionSpec], attempt: int) -> Slot:
