@@ -472,13 +472,11 @@ def _changed_rate_of(p: _Timed) -> str:
 def _compared(rate_hz: float, p: TopicRate) -> str:
     """Say how much a rate differs from the wanted one."""
     times = rate_hz / p.rate_hz
-    if times < 2:
-        off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
-        direction = "slower" if times < 1 else "faster"
-        than = f"{off}% {direction} than"
-    else:
-        than = f"{times:.3g} times"
-    return f"{apart(rate_hz, p.rate_hz, places=1)} Hz, {than} {p.rate_hz:g} Hz"
+    rate = apart(rate_hz, p.rate_hz, places=1)
+    if times >= 2:
+        return f"{rate} Hz, {times:.3g} times {p.rate_hz:g} Hz"
+    off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
+    return f"{rate} Hz, {off}% {'slower' if times < 1 else 'faster'} than {p.rate_hz:g} Hz"
 
 
 def _by_timer(timers: Sequence[Claim]) -> str:

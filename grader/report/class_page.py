@@ -19,6 +19,7 @@ from grader.lab.policy import time_text
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
+from grader.report.page_languages import ENGLISH_ONLY, ShownIn
 from grader.report.views import Badge
 from grader.result import Timing
 
@@ -62,7 +63,11 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
 
 
 def render(
-    summary: ClassSummary, similarity: Similarity | None = None, *, anonymous: bool = False
+    summary: ClassSummary,
+    similarity: Similarity | None = None,
+    *,
+    anonymous: bool = False,
+    shown_in: ShownIn = ENGLISH_ONLY,
 ) -> str:
     """Return the class page as HTML; equal arguments give equal bytes.
 
@@ -74,7 +79,8 @@ def render(
     return render_page(
         "class.html.j2",
         ("report.css", "class.css"),
-        ("class.js",),
+        ("class.js", "language.js"),
+        shown_in,
         summary=summary,
         similarity=similarity,
         compared=_largest_first(compared),

@@ -22,13 +22,22 @@ from grader.report.compiled_templates import CompiledTemplates
 from grader.report.escape import line, shown
 from grader.report.figures.link import percent
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
+from grader.report.page_languages import ENGLISH_ONLY, ShownIn, with_languages
 
 _FOLDER = Path(__file__).parent / "templates"
 
 
-def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **values: Any) -> str:
+def render_page(
+    name: str,
+    styles: tuple[str, ...],
+    scripts: tuple[str, ...],
+    shown_in: ShownIn = ENGLISH_ONLY,
+    **values: Any,
+) -> str:
     """Return a page, made of files in the folder of templates; equal arguments give equal bytes."""
     page = _template(name, styles, scripts).render(**values)
+    if shown_in.languages:
+        page = with_languages(page, shown_in)
     # A lone surrogate cannot be encoded. `shown` has replaced them all, and this changes nothing.
     return page.encode("utf-8", "replace").decode("utf-8")
 

@@ -15,6 +15,7 @@ from grader.report import views
 from grader.report.figures.posture import Motion
 from grader.report.figures.svg import Figure, FiguresOf
 from grader.report.page import render_page
+from grader.report.page_languages import ENGLISH_ONLY, ShownIn
 from grader.report.timeline import timeline_of
 from grader.report.whole_files import whole_files_of
 from grader.result import Outcome, Result
@@ -27,6 +28,7 @@ def render(
     submission: SubmissionRecord,
     before: Result | None = None,
     questions_to: str | None = None,
+    shown_in: ShownIn = ENGLISH_ONLY,
 ) -> str:
     """Return the report as a page of HTML; equal arguments give equal bytes.
 
@@ -38,6 +40,8 @@ def render(
         Result of the previous submission.
     questions_to
         Mail address for questions.
+    shown_in
+        Languages of the page.
     """
     sessions = {}
     timelines = {}
@@ -53,7 +57,8 @@ def render(
     return render_page(
         "report.html.j2",
         ("report.css", "player.css", "timeline.css"),
-        ("parts.js", "report.js", "copy.js", "find.js", "player.js", "timeline.js"),
+        ("parts.js", "report.js", "copy.js", "find.js", "player.js", "timeline.js", "language.js"),
+        shown_in,
         result=result,
         score=views.final_share(result),
         most=most,
