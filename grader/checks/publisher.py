@@ -473,10 +473,15 @@ def _compared(rate_hz: float, p: TopicRate) -> str:
     """Say how much a rate differs from the wanted one."""
     times = rate_hz / p.rate_hz
     rate = apart(rate_hz, p.rate_hz, places=1)
+    wanted = f"{p.rate_hz:g}"
     if times >= 2:
-        return f"{rate} Hz, {times:.3g} times {p.rate_hz:g} Hz"
-    off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
-    return f"{rate} Hz, {off}% {'slower' if times < 1 else 'faster'} than {p.rate_hz:g} Hz"
+        return f"{rate} Hz, {times:.3g} times {wanted} Hz"
+    off_percent = 100 * abs(times - 1)
+    full_percent = 100 * p.full_within
+    off = apart(off_percent, 0, full_percent, places=1)
+    if times < 1:
+        return f"{rate} Hz, {off}% slower than {wanted} Hz"
+    return f"{rate} Hz, {off}% faster than {wanted} Hz"
 
 
 def _by_timer(timers: Sequence[Claim]) -> str:

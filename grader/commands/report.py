@@ -51,7 +51,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--language",
         choices=tuple(NAMES),
         default="",
-        help="language in which the page is shown at first (default: the lab's)",
+        help="first language of the page (default: the lab's)",
     )
     add_lab(parser, "default: the rubric of most results")
     return parser
@@ -132,7 +132,9 @@ def report_class(
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)
     similarity = None if anonymous else read_similarity(results)
-    languages = languages_of(rubric, language or rubric.lab.language)
+    if not language:
+        language = rubric.lab.language
+    languages = languages_of(rubric, language)
     text = class_page.render(summary, similarity, anonymous=anonymous, languages=languages)
     replace_file(page, text)
     replace_file(grades, grades_csv.render(summary))

@@ -1,4 +1,4 @@
-"""The languages in which a report, a class page or a mail is shown: the student's, else the lab's."""
+"""The languages of reports, class pages and mails: the student's, else the lab's."""
 
 from __future__ import annotations
 
@@ -17,14 +17,20 @@ from grader.recording.submission import Person
 
 def language_of_people(people: Iterable[Person], rubric: Rubric) -> str:
     """Return the tag of the language that all people of a submission have; of the lab's if they differ or have none."""
-    tags = {person.language for person in people}
-    tag = tags.pop() if len(tags) == 1 else ""
-    return tag or rubric.lab.language
+    tags = set()
+    for person in people:
+        tags.add(person.language)
+    if len(tags) != 1 or "" in tags:
+        return rubric.lab.language
+    return tags.pop()
 
 
 def languages_of(rubric: Rubric, first: str) -> Languages:
-    """Return the languages of a page, which is shown in one of them at first."""
-    others = [in_lab(rubric, tag) for tag in NAMES if tag != "en"]
+    """Return the languages of a page, with the tag of the first one shown."""
+    others = []
+    for tag in NAMES:
+        if tag != "en":
+            others.append(in_lab(rubric, tag))
     return Languages(tuple(others), first)
 
 

@@ -120,7 +120,7 @@ class LabSpec(Parameters):
     package: str = Field("student_lab", description="Package under which bare files are installed.")
     language: Literal["en", "de", "es"] = Field(
         "en",
-        description="Language in which reports and mails are shown at first; the class list can name another for a student.",
+        description="First language of reports, and language of mails; the class list can name another for a student.",
     )
     ros: str | None = Field(
         None,

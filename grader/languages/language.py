@@ -39,7 +39,10 @@ _PROSE = re.compile(
 _QUOTED = re.compile(r"(?<!\w)'[^']*'")
 _UNITS = frozenset({"ms", "rad", "µs", "mm"})
 #: Numbers with a decimal point; neither versions nor parts of code.
-DECIMAL_NUMBER = r"(?<![^\s(±+−–<>≈-])(?<!\w\()(?<!Python )(?<!ROS 2 )(?<!version )(\d+)\.(\d+)(?=$|[\s),;%°–:]|\.(?!\d)|ms|s\b)"
+DECIMAL_NUMBER = (
+    r"(?<![^\s(±+−–<>≈-])(?<!\w\()(?<!Python )(?<!ROS 2 )(?<!version )"
+    r"(\d+)\.(\d+)(?=$|[\s),;%°–:]|\.(?!\d)|ms|s\b)"
+)
 _DECIMAL = re.compile(DECIMAL_NUMBER)
 _LOWER = re.compile(r"[A-Z][a-z]")
 #: Signs between the parts of a list or a label and its text, the wider ones first.
@@ -418,7 +421,7 @@ ENGLISH = Language("en", ())
 
 @dataclass(frozen=True)
 class Languages:
-    """The languages besides English in which something can be shown, and the tag of the first one shown."""
+    """The languages of a page or a mail besides English, and the tag of the first one shown."""
 
     others: tuple[Language, ...] = ()
     first: str = "en"

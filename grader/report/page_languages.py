@@ -13,7 +13,7 @@ import html
 import json
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from grader.languages.catalogue import NAMES
@@ -23,6 +23,8 @@ from grader.languages.template import FIRST_MARK, LAST_MARK
 #: Elements within a sentence that have text, and those whose content is not translated.
 _INLINE = frozenset({"a", "em"})
 _WHOLE = frozenset({"code", "kbd", "samp", "wbr"})
+#: Elements that part no text, and a text itself.
+_WITHIN_SENTENCE = frozenset({*_INLINE, *_WHOLE, "none"})
 #: Elements without any unit.
 _SKIPPED = frozenset({"script", "style", "pre", "textarea"})
 _VOID = frozenset({"br", "hr", "img", "input", "link", "meta", "wbr"})
@@ -33,24 +35,6 @@ _LETTERS = re.compile(r"[^\W\d_]{2}")
 _MARKS = re.compile(f"[{chr(FIRST_MARK)}-{chr(LAST_MARK)}]")
 
 
-@dataclass
-class _Unit:
-    """A unit in the making: its text with marks, and the marks of its open elements."""
-
-    text: str = ""
-    count: int = 0
-    #: Marks that begin an element, with those that end it.
-    pairs: tuple[tuple[str, str], ...] = ()
-    opened: tuple[str, ...] = ()
-
-    def mark(self) -> str:
-        """Add a mark, and return it."""
-        mark = chr(FIRST_MARK + self.count)
-        self.count += 1
-        self.text += mark
-        return mark
-
-
 @dataclass(frozen=True)
 class Unit:
     """A text of a page with marks for its elements."""
@@ -59,7 +43,7 @@ class Unit:
     pairs: tuple[tuple[str, str], ...] = ()
 
     def allows(self, translation: str) -> bool:
-        """Tell whether a translation has each mark once, and elements end in the order in which they began."""
+        """Tell whether a translation has each mark once, and elements end in the reverse order of their beginnings."""
         if sorted(_MARKS.findall(translation)) != sorted(_MARKS.findall(self.text)):
             return False
         ends = dict(self.pairs)
@@ -68,90 +52,128 @@ class Unit:
         for mark in _MARKS.findall(translation):
             if mark in ends:
                 open_ends.append(ends[mark])
-            elif mark in closing and (not open_ends or open_ends.pop() != mark):
-                return False
+            elif mark in closing:
+                if open_ends[-1:] != [mark]:
+                    return False
+                open_ends.pop()
         return not open_ends
 
 
-def units_of(page: str) -> Iterator[Unit]:
-    """Yield the units of a page, and the texts of its attributes, in the order of the page."""
-    tokens = list(_TOKEN.finditer(page))
-    unit = _Unit()
-    skipped = 0
-    for number, token in enumerate(tokens):
-        closes, name, attributes, text = token.groups()
-        if number < skipped:
-            continue
-        if name is None:
-            unit.text += html.unescape(text or "<")
-            continue
-        name = name.lower()
-        if not closes:
-            if name in _SKIPPED or 'translate="no"' in attributes:
-                skipped = _end_of(tokens, number, name)
-                if name in _SKIPPED or name not in _INLINE:
-                    yield from _finished(unit)
-                    unit = _Unit()
-                else:
-                    unit.mark()
-                continue
-            for value in _ATTRIBUTE.findall(attributes):
-                yield from _finished(_Unit(html.unescape(value)))
+def units_of(page: str) -> list[Unit]:
+    """Return the units of a page, and the texts of its attributes, in the order of the page."""
+    reader = _Reader(page)
+    reader.read()
+    return reader.units
+
+
+class _Reader:
+    """Reads the units of a page from its tags and texts."""
+
+    def __init__(self, page: str) -> None:
+        self.units: list[Unit] = []
+        self._tokens = list(_TOKEN.finditer(page))
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a unit."""
+        self._text = ""
+        self._count = 0
+        #: Marks that begin an element, with marks that end it.
+        self._pairs: list[tuple[str, str]] = []
+        #: Marks of the elements that have not ended.
+        self._opened: list[str] = []
+
+    def _end(self) -> None:
+        """Finish the present unit, and keep it if it has a word."""
+        self._keep(self._text, tuple(self._pairs))
+        self._begin()
+
+    def _keep(self, raw: str, pairs: tuple[tuple[str, str], ...] = ()) -> None:
+        text = _BLANKS.sub(" ", raw).strip(" ")
+        if _LETTERS.search(text):
+            self.units.append(Unit(text, pairs))
+
+    def _mark(self) -> str:
+        """Add a mark for an element to the text, and return it."""
+        mark = chr(FIRST_MARK + self._count)
+        self._count += 1
+        self._text += mark
+        return mark
+
+    def read(self) -> None:
+        """Read the whole page."""
+        number = 0
+        while number < len(self._tokens):
+            closes, name, attributes, text = self._tokens[number].groups()
+            if name is None:
+                self._text += html.unescape(text or "<")
+                number += 1
+            elif closes:
+                number = self._read_end(number, name.lower())
+            else:
+                number = self._read_start(number, name.lower(), attributes)
+        self._end()
+
+    def _read_start(self, number: int, name: str, attributes: str) -> int:
+        """Read the beginning of an element; returns the number of the next token."""
+        is_name = 'translate="no"' in attributes
+        if name in _SKIPPED:
+            self._end()
+            return self._after(number, name)
         if name in _WHOLE:
-            if not closes:
-                skipped = _end_of(tokens, number, name)
-                unit.mark()
-        elif name in _INLINE and _is_within_sentence(tokens, number, name):
-            _add_inline(unit, bool(closes))
+            self._mark()
+            return self._after(number, name)
+        if is_name:
+            return self._read_name(number, name)
+        for value in _ATTRIBUTE.findall(attributes):
+            self._keep(html.unescape(value))
+        if self._is_within_sentence(number, name, 1):
+            self._opened.append(self._mark())
         else:
-            yield from _finished(unit)
-            unit = _Unit()
-    yield from _finished(unit)
+            self._end()
+        return number + 1
 
+    def _read_name(self, number: int, name: str) -> int:
+        """Pass an element that is not translated; returns the number of the next token."""
+        if name in _INLINE:
+            self._mark()
+        else:
+            self._end()
+        return self._after(number, name)
 
-def _end_of(tokens: Sequence[re.Match[str]], start: int, name: str) -> int:
-    """Return the number of the token after an element that begins at a token."""
-    if name in _VOID:
-        return start + 1
-    depth = 0
-    for number in range(start, len(tokens)):
-        if tokens[number][2] and tokens[number][2].lower() == name:
-            depth += -1 if tokens[number][1] else 1
-        if depth == 0:
-            return number + 1
-    return len(tokens)
+    def _read_end(self, number: int, name: str) -> int:
+        """Read the end of an element; returns the number of the next token."""
+        if not self._is_within_sentence(number, name, -1):
+            self._end()
+        elif self._opened:
+            opened = self._opened.pop()
+            self._pairs.append((opened, self._mark()))
+        return number + 1
 
+    def _after(self, start: int, name: str) -> int:
+        """Return the number of the token after an element that begins at a token."""
+        if name in _VOID:
+            return start + 1
+        depth = 0
+        for number in range(start, len(self._tokens)):
+            token = self._tokens[number]
+            if str(token[2]).lower() == name:
+                depth += -1 if token[1] else 1
+            if depth == 0:
+                return number + 1
+        return len(self._tokens)
 
-def _is_within_sentence(tokens: Sequence[re.Match[str]], at: int, name: str) -> bool:
-    """Tell whether an inline element, by its first or last token, holds no element that parts texts."""
-    step = -1 if tokens[at][1] else 1
-    number = at + step
-    while 0 <= number < len(tokens):
-        other = tokens[number][2]
-        if other:
-            other = other.lower()
+    def _is_within_sentence(self, at: int, name: str, step: int) -> bool:
+        """Tell whether an inline element, read from its first or last token, holds no element that parts texts."""
+        number = at + step
+        while name in _INLINE and 0 <= number < len(self._tokens):
+            other = str(self._tokens[number][2]).lower()
             if other == name:
                 return True
-            if other not in _INLINE and other not in _WHOLE:
+            if other not in _WITHIN_SENTENCE:
                 return False
-        number += step
-    return False
-
-
-def _add_inline(unit: _Unit, closes: bool) -> None:
-    if not closes:
-        unit.opened = (*unit.opened, unit.mark())
-    elif unit.opened:
-        *others, opened = unit.opened
-        unit.opened = tuple(others)
-        unit.pairs = (*unit.pairs, (opened, unit.mark()))
-
-
-def _finished(unit: _Unit) -> Iterator[Unit]:
-    """Yield a unit if it has a word."""
-    text = _BLANKS.sub(" ", unit.text).strip(" ")
-    if _LETTERS.search(text):
-        yield Unit(text, unit.pairs)
+            number += step
+        return False
 
 
 def hash_of(text: str) -> str:
@@ -179,19 +201,20 @@ def with_languages(page: str, languages: Languages) -> str:
 def _packed(units: Sequence[Unit], language: Language) -> str:
     """Return the dictionary of a language: JSON, compressed, in Base64.
 
-    It has hashes of the units in a row, their translations, the templates of texts that scripts compose, and the sign
-    between whole and fraction.
+    Its parts are the hashes of the units in a row, their translations, the templates of texts composed by scripts, the
+    sign between whole and fraction, and the pattern of numbers.
     """
     texts = [unit.text for unit in units]
     found: dict[str, str] = {}
     taken: dict[str, str] = {}
     for unit in units:
         key = hash_of(unit.text)
-        # Of two units with one hash, the first is translated.
+        # Two units can have one hash; the first one is translated.
         if taken.setdefault(key, unit.text) != unit.text:
             continue
         translation = _of_unit(unit.text, texts, language)
-        if translation != language.number(unit.text) and unit.allows(translation):
+        is_other = translation != language.number(unit.text)
+        if is_other and unit.allows(translation):
             found[key] = translation
     content = [
         "".join(found),
@@ -212,6 +235,7 @@ def _of_unit(text: str, others: Sequence[str], language: Language) -> str:
         return language.text(text)
     beginning = text[:-1]
     for other in others:
-        if len(other) > len(text) and other.startswith(beginning) and not _MARKS.search(other):
+        is_whole = len(other) > len(text) and other.startswith(beginning)
+        if is_whole and not _MARKS.search(other):
             return language.text(other)[: len(beginning)] + "…"
     return language.text(text)

@@ -1,4 +1,4 @@
-"""A report in another language, in a real browser: the reader's switch, parts that are built later, and what stays."""
+"""A report in another language, in a real browser: the reader's switch, parts that are built later, and code."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_the_reader_switches_the_language(chromium: Browser, report: Path) -> No
 
 
 def test_all_texts_change_and_nothing_else(chromium: Browser, report: Path) -> None:
-    """Also in parts that are built later; elements, code and output are the same as in English."""
+    """Parts that are built later change too; elements, code and output are the same as in English."""
     found = {}
     for tag in ("en", "de"):
         with visit(chromium, report, DESK) as seen:

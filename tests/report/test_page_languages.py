@@ -1,4 +1,4 @@
-"""The translations within a page: its units, their dictionary, and what of a whole report stays English."""
+"""The translations within a page: its units, their dictionary, and the English texts left on a whole report."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_units_of_a_page(page: str, found: list[str]) -> None:
 
 
 def test_a_translation_keeps_the_elements() -> None:
-    """It has each mark once, and the ends of elements after their beginnings."""
+    """A translation has each mark once, and ends of elements after their beginnings."""
     unit = Unit("\ue000a\ue001 b \ue002", (("\ue000", "\ue001"),))
     assert unit.allows("\ue002 b \ue000a\ue001")
     assert not unit.allows("\ue001a\ue000 b \ue002")
@@ -140,7 +140,7 @@ def names_of(rubric: Rubric) -> frozenset[str]:
 def test_no_sentence_of_a_report_stays_english(
     name: str, tag: str, pages: dict[str, str], rubric: Rubric
 ) -> None:
-    """All that the grader says on a report is translated; names and texts of others stay."""
+    """Each text of the grader on a report is translated; names and texts of others stay."""
     language = in_lab(rubric, tag)
     names = names_of(rubric) | DATA
     english = []
