@@ -19,7 +19,7 @@ from grader.evidence.oracle import compiled
 from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
-from grader.judging.languages import language_of_people, shown_in
+from grader.judging.languages import language_of_people, languages_of
 from grader.judging.past_scores import with_past
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
@@ -257,7 +257,7 @@ def report_page(
         submission,
         before,
         rubric.policy.questions_to,
-        shown_in(rubric, language_of_people(submission.identity.people, rubric)),
+        languages_of(rubric, language_of_people(submission.identity.people, rubric)),
     )
 
 

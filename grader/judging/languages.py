@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
+from grader.cohort.entries import ClassEntry
+from grader.errors import GraderError
+from grader.judging.rubrics import rubric_of_class
 from grader.lab.lab_languages import lab_catalogues
 from grader.lab.rubric import Rubric
 from grader.languages.catalogue import NAMES
-from grader.languages.language import Language, language_of
+from grader.languages.language import ENGLISH_ONLY, Language, Languages, language_of
 from grader.recording.submission import Person
-from grader.report.page_languages import ShownIn
 
 
 def language_of_people(people: Iterable[Person], rubric: Rubric) -> str:
@@ -19,12 +22,21 @@ def language_of_people(people: Iterable[Person], rubric: Rubric) -> str:
     return tag or rubric.lab.language
 
 
-def shown_in(rubric: Rubric, first: str) -> ShownIn:
+def languages_of(rubric: Rubric, first: str) -> Languages:
     """Return the languages of a page, which is shown in one of them at first."""
-    languages = [in_lab(rubric, tag) for tag in NAMES if tag != "en"]
-    return ShownIn(tuple(languages), first)
+    others = [in_lab(rubric, tag) for tag in NAMES if tag != "en"]
+    return Languages(tuple(others), first)
 
 
 def in_lab(rubric: Rubric, tag: str) -> Language:
     """Return a language with the messages of a lab and of the grader."""
     return language_of(tag, lab_catalogues(rubric, tag))
+
+
+def languages_of_class(results: Path, entries: Sequence[ClassEntry]) -> Languages:
+    """Return the languages of a class by the rubric kept with its results; English alone if none can be loaded."""
+    try:
+        rubric = rubric_of_class(results, entries, None)
+    except GraderError:
+        return ENGLISH_ONLY
+    return languages_of(rubric, rubric.lab.language)

@@ -39,12 +39,13 @@ _PROSE = re.compile(
 _QUOTED = re.compile(r"(?<!\w)'[^']*'")
 _UNITS = frozenset({"ms", "rad", "µs", "mm"})
 #: Numbers with a decimal point; neither versions nor parts of code.
-DECIMAL_NUMBER = r"(?<![^\s(±+−–<>≈-])(?<!Python )(?<!ROS 2 )(?<!version )(\d+)\.(\d+)(?=$|[\s),;%°–:]|\.(?!\d)|ms|s\b)"
+DECIMAL_NUMBER = r"(?<![^\s(±+−–<>≈-])(?<!\w\()(?<!Python )(?<!ROS 2 )(?<!version )(\d+)\.(\d+)(?=$|[\s),;%°–:]|\.(?!\d)|ms|s\b)"
 _DECIMAL = re.compile(DECIMAL_NUMBER)
 _LOWER = re.compile(r"[A-Z][a-z]")
 #: Signs between the parts of a list or a label and its text, the wider ones first.
 _SEPARATORS = ("; ", " · ", ". ", ": ", " (", ", ", " – ", " → ", " and ", " or ", " to ", " = ")
 _AROUND = (("(", ")"), ("“", "”"), ("‘", "’"), ("'", "'"))
+_OPENING = ("'", "‘", "“", "„", "«")
 _ENDS = ".:;,…?"
 _NUMBER_FIRST = re.compile(r"([−+±≈<>]?\d[\d.,]*(?: ?%)?) (?=\S)")
 
@@ -120,6 +121,8 @@ class Language:
 
         Characters of private use stand for elements of a page, and are kept, perhaps in another order.
         """
+        if self.tag == "en":
+            return Translated(english)
         if len(english) > _LONGEST:
             return Translated(english, _words_left(english))
         known = self._texts.get(english)
@@ -195,8 +198,11 @@ class Language:
         """Yield the translation by a template; none if it has few letters, and a value stays English."""
         texts = []
         left = 0
-        for value in values:
-            translated = self._phrase(value, work, depth)
+        for number, value in enumerate(values):
+            translated = Translated(value)
+            # A single word between quotation marks is a name, also if a message reads the same.
+            if " " in value or not template.literals[number].endswith(_OPENING):
+                translated = self._phrase(value, work, depth)
             texts.append(translated.text)
             left += translated.left
         if left == 0 or template.weight >= _LEAST_WEIGHT:
@@ -326,7 +332,7 @@ class Language:
 
     def _by_known_head(self, text: str, work: _Work, depth: int) -> Iterator[Translated]:
         """Yield the translation of the longest known beginning up to a separator, and of the rest."""
-        ends = set()
+        ends: set[int] = set()
         for separator in _SEPARATORS:
             at = text.find(separator, 1)
             while at > 0:
@@ -405,6 +411,28 @@ def _decimal_sign(tag: str) -> str:
     from babel.numbers import get_decimal_symbol
 
     return get_decimal_symbol(tag)
+
+
+ENGLISH = Language("en", ())
+
+
+@dataclass(frozen=True)
+class Languages:
+    """The languages besides English in which something can be shown, and the tag of the first one shown."""
+
+    others: tuple[Language, ...] = ()
+    first: str = "en"
+
+    def of(self, tag: str) -> Language:
+        """Return the language with a tag; the first one shown for an empty tag, and English for an unknown one."""
+        wanted = tag or self.first
+        for language in self.others:
+            if language.tag == wanted:
+                return language
+        return ENGLISH
+
+
+ENGLISH_ONLY = Languages()
 
 
 def language_of(tag: str, lab_catalogues: Iterable[Path] = ()) -> Language:

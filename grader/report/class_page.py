@@ -16,10 +16,10 @@ from grader.cohort.mistakes import Mistake
 from grader.cohort.similarity import Similarity
 from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row, Todo
 from grader.lab.policy import time_text
+from grader.languages.language import ENGLISH_ONLY, Languages
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
-from grader.report.page_languages import ENGLISH_ONLY, ShownIn
 from grader.report.views import Badge
 from grader.result import Timing
 
@@ -67,7 +67,7 @@ def render(
     similarity: Similarity | None = None,
     *,
     anonymous: bool = False,
-    shown_in: ShownIn = ENGLISH_ONLY,
+    languages: Languages = ENGLISH_ONLY,
 ) -> str:
     """Return the class page as HTML; equal arguments give equal bytes.
 
@@ -78,9 +78,9 @@ def render(
     spread = summary.spread
     return render_page(
         "class.html.j2",
-        ("report.css", "class.css"),
+        ("report.css", "class.css", "language.css"),
         ("class.js", "language.js"),
-        shown_in,
+        languages,
         summary=summary,
         similarity=similarity,
         compared=_largest_first(compared),

@@ -17,12 +17,13 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from grader.lab.steps.words import fields
+from grader.languages.language import ENGLISH_ONLY, Languages
 from grader.report import views
 from grader.report.compiled_templates import CompiledTemplates
 from grader.report.escape import line, shown
 from grader.report.figures.link import percent
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
-from grader.report.page_languages import ENGLISH_ONLY, ShownIn, with_languages
+from grader.report.page_languages import with_languages
 
 _FOLDER = Path(__file__).parent / "templates"
 
@@ -31,13 +32,13 @@ def render_page(
     name: str,
     styles: tuple[str, ...],
     scripts: tuple[str, ...],
-    shown_in: ShownIn = ENGLISH_ONLY,
+    languages: Languages = ENGLISH_ONLY,
     **values: Any,
 ) -> str:
     """Return a page, made of files in the folder of templates; equal arguments give equal bytes."""
     page = _template(name, styles, scripts).render(**values)
-    if shown_in.languages:
-        page = with_languages(page, shown_in)
+    if languages.others:
+        page = with_languages(page, languages)
     # A lone surrogate cannot be encoded. `shown` has replaced them all, and this changes nothing.
     return page.encode("utf-8", "replace").decode("utf-8")
 

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from grader.languages.catalogue import NAMES
-from grader.languages.language import DECIMAL_NUMBER, Language
+from grader.languages.language import DECIMAL_NUMBER, Language, Languages
 from grader.languages.template import FIRST_MARK, LAST_MARK
 
 #: Elements within a sentence that have text, and those whose content is not translated.
@@ -164,25 +164,14 @@ def hash_of(text: str) -> str:
     return base64.urlsafe_b64encode((value & 0xFFFFFF).to_bytes(3, "big")).decode()
 
 
-@dataclass(frozen=True)
-class ShownIn:
-    """The languages of a page besides English, and the tag of the language in which it is shown at first."""
-
-    languages: tuple[Language, ...] = ()
-    first: str = "en"
-
-
-ENGLISH_ONLY = ShownIn()
-
-
-def with_languages(page: str, shown_in: ShownIn) -> str:
+def with_languages(page: str, languages: Languages) -> str:
     """Return a page with its translations, before the scripts at its end."""
     units = list(dict.fromkeys(units_of(page)))
     attributes = ""
-    for language in shown_in.languages:
+    for language in languages.others:
         attributes += f' data-{language.tag}="{_packed(units, language)}"'
-    names = html.escape(json.dumps({each.tag: NAMES[each.tag] for each in shown_in.languages}))
-    holder = f'<div id="languages" hidden data-chosen="{shown_in.first}" data-names="{names}"{attributes}></div>\n'
+    names = html.escape(json.dumps({each.tag: NAMES[each.tag] for each in languages.others}))
+    holder = f'<div id="languages" hidden data-chosen="{languages.first}" data-names="{names}"{attributes}></div>\n'
     before, script, after = page.rpartition("<script>")
     return before + holder + script + after
 

@@ -9,13 +9,13 @@ from typing import Any
 
 from grader.cohort.changes import changes_between
 from grader.evidence.recorded import Recorded
+from grader.languages.language import ENGLISH_ONLY, Languages
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
 from grader.report.figures.posture import Motion
 from grader.report.figures.svg import Figure, FiguresOf
 from grader.report.page import render_page
-from grader.report.page_languages import ENGLISH_ONLY, ShownIn
 from grader.report.timeline import timeline_of
 from grader.report.whole_files import whole_files_of
 from grader.result import Outcome, Result
@@ -28,7 +28,7 @@ def render(
     submission: SubmissionRecord,
     before: Result | None = None,
     questions_to: str | None = None,
-    shown_in: ShownIn = ENGLISH_ONLY,
+    languages: Languages = ENGLISH_ONLY,
 ) -> str:
     """Return the report as a page of HTML; equal arguments give equal bytes.
 
@@ -40,7 +40,7 @@ def render(
         Result of the previous submission.
     questions_to
         Mail address for questions.
-    shown_in
+    languages
         Languages of the page.
     """
     sessions = {}
@@ -56,9 +56,9 @@ def render(
     most = views.points(result.final + result.still_undecided)
     return render_page(
         "report.html.j2",
-        ("report.css", "player.css", "timeline.css"),
+        ("report.css", "player.css", "timeline.css", "language.css"),
         ("parts.js", "report.js", "copy.js", "find.js", "player.js", "timeline.js", "language.js"),
-        shown_in,
+        languages,
         result=result,
         score=views.final_share(result),
         most=most,

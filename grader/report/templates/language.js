@@ -7,6 +7,7 @@
   var inline = { A: 1, EM: 1 }, whole = { CODE: 1, KBD: 1, SAMP: 1, WBR: 1 };
   var skipped = { SCRIPT: 1, STYLE: 1, PRE: 1, TEXTAREA: 1, NOSCRIPT: 1 };
   var attributes = ["aria-label", "title", "placeholder", "label"];
+  var separators = [". ", " · ", ", ", ": "];
   var known = new Map(), templates = [], decimal = ".";
 
   function remembered(tag) {
@@ -43,14 +44,33 @@
     for (var i = 0; i < text.length; i++) { value = Math.imul(value ^ text.charCodeAt(i), 0x01000193); }
     return btoa(String.fromCharCode(value >>> 16 & 255, value >>> 8 & 255, value & 255)).replace(/\+/g, "-").replace(/\//g, "_");
   }
-  function translation(text) {
+  function message(text) {
     var found = known.get(hash(text));
-    if (found !== undefined) { return found; }
-    for (var i = 0; i < templates.length; i++) {
+    for (var i = 0; found === undefined && i < templates.length; i++) {
       var values = templates[i].pattern.exec(text);
-      if (values) { return templates[i].fill(values); }
+      if (values) { found = templates[i].fill(values); }
     }
-    return decimal === "." ? text : text.replace(numbers, "$1" + decimal + "$2");
+    return found;
+  }
+  function translation(text) {
+    var found = message(text);
+    if (found !== undefined) { return found; }
+    if (/[^.]\.$/.test(text)) {
+      found = message(text.slice(0, -1));
+      if (found !== undefined) { return found + "."; }
+    }
+    return joined(text) || (decimal === "." ? text : text.replace(numbers, "$1" + decimal + "$2"));
+  }
+  // Scripts join texts of the page, such as a time, a moment and a note on it.
+  function joined(text) {
+    for (var i = 0; i < separators.length; i++) {
+      var parts = text.split(separators[i]);
+      if (parts.length > 1 && parts.some(function (part) { return message(part) !== undefined; })) {
+        return parts.map(translation).join(separators[i]);
+      }
+    }
+    var at = text.indexOf(": ");
+    return at > 0 ? translation(text.slice(0, at)) + ": " + translation(text.slice(at + 2)) : "";
   }
   var numbers;
   function template(pair) {
