@@ -23,9 +23,11 @@ _LONGEST = 4000
 _MOST_LOOKUPS = 200
 _MOST_MATCHES = 8
 _MOST_DEPTH = 9
+#: Most texts that are remembered with their translations.
+_MOST_REMEMBERED = 20_000
 _MOST_HEADS = 24
 #: Letters of a template that is used even if a value in it stays English; lighter ones match by chance.
-_LEAST_WEIGHT = 9
+_LEAST_WEIGHT = 7
 _WORD = re.compile(r"\w+")
 #: Code between backticks, and passages that are quoted from a student's text.
 _KEPT = re.compile(r"`[^`\n]*`|“[^”]{60,}(?:”|$)")
@@ -40,7 +42,7 @@ _QUOTED = re.compile(r"(?<!\w)'[^']*'")
 _UNITS = frozenset({"ms", "rad", "µs", "mm"})
 #: Numbers with a decimal point; neither versions nor parts of code.
 DECIMAL_NUMBER = (
-    r"(?<![^\s(±+−–<>≈-])(?<!\w\()(?<!Python )(?<!ROS 2 )(?<!version )"
+    r"(?<![^\s(±+−–<>≈-])(?<!\w\()(?<!Python )(?<!ROS 2 )(?<!version )(?<!= )"
     r"(\d+)\.(\d+)(?=$|[\s),;%°–:]|\.(?!\d)|ms|s\b)"
 )
 _DECIMAL = re.compile(DECIMAL_NUMBER)
@@ -101,10 +103,11 @@ class Language:
             if any(file.endswith(".js") for file in message.files):
                 self.of_scripts.append((message.english, message.translation))
             template = Template.of(message.english, message.translation)
-            if len(template.literals) == 1:
-                self._whole.setdefault(template.literals[0], template.filled(()))
-            else:
+            if len(template.literals) > 1:
                 made.append(template)
+                continue
+            whole = template.literals[0]
+            self._whole.setdefault(whole, template.filled(()))
         self._index(made)
 
     def _index(self, templates: list[Template]) -> None:
@@ -130,39 +133,55 @@ class Language:
             return Translated(english, _words_left(english))
         known = self._texts.get(english)
         if known is None:
-            marked, code = _with_marks(english)
-            found = self._phrase(marked, _Work(), 0)
-            text = found.text
-            for mark, piece in code.items():
-                text = text.replace(mark, piece)
-            known = Translated(text, found.left)
+            known = self._without_memory(english)
+            if len(self._texts) >= _MOST_REMEMBERED:
+                self._texts.clear()
             self._texts[english] = known
         return known
+
+    def _without_memory(self, english: str) -> Translated:
+        """Return a text in this language, with the pieces of code and quotations in their places."""
+        marked, code = _with_marks(english)
+        found = self._phrase(marked, _Work(), 0)
+        text = found.text
+        for mark, piece in code.items():
+            text = text.replace(mark, piece)
+        return Translated(text, found.left)
 
     # -- the ways to a translation -----------------------------------------------------------------
 
     def _phrase(self, text: str, work: _Work, depth: int) -> Translated:
         """Return a piece in this language: the way that leaves the fewest words English."""
         core = text.strip()
-        if not core or is_mark(core):
+        if not core:
+            return Translated(text)
+        if is_mark(core):
             return Translated(text)
         known = work.known.get(core)
         if known is None:
-            # A single word within a text can be a name, which nobody translates.
-            left = _words_left(core) if " " in core or depth == 0 else 0
-            known = Translated(self.number(core), left)
-            whole = self._known_as_whole(core)
-            if whole is not None:
-                known = Translated(whole)
-            elif depth < _MOST_DEPTH and work.lookups > 0:
-                work.lookups -= 1
-                known = self._best(core, known, work, depth)
-                work.known[core] = known
-        before = text[: len(text) - len(text.lstrip())]
-        after = text[len(text.rstrip()) :]
-        return Translated(before + known.text + after, known.left)
+            known = self._looked_up(core, work, depth)
+        start = text.index(core)
+        end = start + len(core)
+        return Translated(text[:start] + known.text + text[end:], known.left)
+
+    def _looked_up(self, text: str, work: _Work, depth: int) -> Translated:
+        """Return a piece without blanks at its ends in this language, and remember it."""
+        whole = self._known_as_whole(text)
+        if whole is not None:
+            return Translated(whole)
+        found = Translated(self.number(text), _words_left(text))
+        # A single word within a text can be a name, which nobody translates.
+        if depth > 0 and " " not in text:
+            found = replace(found, left=0)
+        if depth == _MOST_DEPTH or work.lookups == 0:
+            return found
+        work.lookups -= 1
+        found = self._best(text, found, work, depth)
+        work.known[text] = found
+        return found
 
     def _best(self, text: str, found: Translated, work: _Work, depth: int) -> Translated:
+        """Return the translation that leaves the fewest words English, or the text itself."""
         best = replace(found, left=found.left + 1)
         for way in self._ways:
             if best.left == 0:
@@ -177,19 +196,18 @@ class Language:
     def _known_as_whole(self, text: str) -> str | None:
         """Return the translation of a text without values, also with another first letter."""
         found = self._whole.get(text)
-        if found is None and text[:1].isupper():
-            found = self._whole.get(text[0].lower() + text[1:])
-            if found:
-                found = found[0].upper() + found[1:]
-        return found
+        if found is not None or not text[:1].isupper():
+            return found
+        found = self._whole.get(_lower(text))
+        if found is None:
+            return None
+        return _upper(found)
 
     def _by_strict_templates(self, text: str, work: _Work, depth: int) -> Iterator[Translated]:
         """Yield translations by templates whose values hold no end of a sentence."""
         for template, values in self._matches(text):
-            is_light = template.weight < _LEAST_WEIGHT
-            if is_light or any(_SENTENCE_END.search(value) for value in values):
-                continue
-            yield from self._filled(template, values, work, depth)
+            if _is_strict(template, values):
+                yield from self._filled(template, values, work, depth)
 
     def _by_templates(self, text: str, work: _Work, depth: int) -> Iterator[Translated]:
         for template, values in self._matches(text):
@@ -275,8 +293,8 @@ class Language:
     def _by_lower_case(self, text: str, work: _Work, depth: int) -> Iterator[Translated]:
         """Yield the translation of a text that begins a sentence, by a template that does not."""
         if _LOWER.match(text):
-            found = self._phrase(text[0].lower() + text[1:], work, depth)
-            yield Translated(found.text[0].upper() + found.text[1:], found.left)
+            found = self._phrase(_lower(text), work, depth)
+            yield Translated(_upper(found.text), found.left)
 
     def _by_number(self, text: str, work: _Work, depth: int) -> Iterator[Translated]:
         """Yield the translation of a number and what it counts."""
@@ -355,8 +373,7 @@ class Language:
         if text in self._whole:
             return True
         for template, values in self._matches(text):
-            is_strict = not any(_SENTENCE_END.search(value) for value in values)
-            if is_strict and template.weight >= _LEAST_WEIGHT:
+            if _is_strict(template, values):
                 return True
         return False
 
@@ -382,6 +399,26 @@ class Language:
         if self.decimal == ".":
             return text
         return _DECIMAL.sub(rf"\g<1>{self.decimal}\g<2>", text)
+
+
+def _lower(text: str) -> str:
+    """Return a text with a small first letter."""
+    return text[0].lower() + text[1:]
+
+
+def _upper(text: str) -> str:
+    """Return a text with a capital first letter."""
+    return text[0].upper() + text[1:]
+
+
+def _is_strict(template: Template, values: Iterable[str]) -> bool:
+    """Tell whether a template has many letters, and its values hold no end of a sentence."""
+    if template.weight < _LEAST_WEIGHT:
+        return False
+    for value in values:
+        if _SENTENCE_END.search(value):
+            return False
+    return True
 
 
 def _with_marks(text: str) -> tuple[str, dict[str, str]]:

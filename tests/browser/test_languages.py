@@ -47,7 +47,7 @@ def chromium() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a report whose German sets each message between «».
+    """Give a report with each message between «» as its German.
 
     Such a German is complete whatever the catalogues have, and shows which texts were found.
     """

@@ -171,7 +171,7 @@ def test_the_first_language_is_used_without_a_tag(german: Language) -> None:
 
 
 def test_a_catalogue_is_read_as_babel_reads_it() -> None:
-    """The quick reader of catalogues gives what Babel gives."""
+    """The quick reader of catalogues gives the same as Babel."""
     from babel.messages.pofile import read_po
 
     path = engine_catalogues("de")[0]
