@@ -613,9 +613,11 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     """Judge the share of files, classes and functions with a docstring or comment that explains them."""
     rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers, p.file_words)
     facts = _sources(context, p.artifacts, rules)
-    expected = f"a docstring or a comment explains at least {percent(p.full_from)}: of the files ({percent(p.file_weight)}), "
-    expected += f"and of classes and functions with a body of {p.function_lines} lines or more (the rest); constructors, "
-    expected += "main and the only class of a file do not count"
+    expected = (
+        f"a docstring or a comment explains at least {percent(p.full_from)}: of the files ({percent(p.file_weight)}), "
+        f"and of classes and functions with a body of {p.function_lines} lines or more (the rest); constructors, "
+        "main and the only class of a file do not count"
+    )
     if p.file_words:
         expected += f"; comments explain a file from {p.file_words} words on"
     if not facts:
@@ -857,8 +859,10 @@ def _locations(found: Discussion) -> list[Location]:
 def _unclear(expected: str, measured: str, passages: Sequence[Passage]) -> Finding:
     """Leave a short text, or one in words unknown here, to a person."""
     places = [_at(passage.file, passage.line) for passage in passages[:_MOST_LISTED]]
-    reason = "The text about this is short, or in words that the grader does not know; a person "
-    reason += f"has to read it: {', '.join(places)}."
+    reason = (
+        "The text about this is short, or in words that the grader does not know; a person "
+        f"has to read it: {', '.join(places)}."
+    )
     where = [Location(file=passage.file, line=passage.line) for passage in passages]
     return inconclusive(expected, measured, reason, where=where, retry=False)
 

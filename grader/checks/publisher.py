@@ -472,13 +472,16 @@ def _changed_rate_of(p: _Timed) -> str:
 def _compared(rate_hz: float, p: TopicRate) -> str:
     """Say how much a rate differs from the wanted one."""
     times = rate_hz / p.rate_hz
-    if times < 2:
-        off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
-        direction = "slower" if times < 1 else "faster"
-        than = f"{off}% {direction} than"
-    else:
-        than = f"{times:.3g} times"
-    return f"{apart(rate_hz, p.rate_hz, places=1)} Hz, {than} {p.rate_hz:g} Hz"
+    rate = apart(rate_hz, p.rate_hz, places=1)
+    wanted = f"{p.rate_hz:g}"
+    if times >= 2:
+        return f"{rate} Hz, {times:.3g} times {wanted} Hz"
+    off_percent = 100 * abs(times - 1)
+    full_percent = 100 * p.full_within
+    off = apart(off_percent, 0, full_percent, places=1)
+    if times < 1:
+        return f"{rate} Hz, {off}% slower than {wanted} Hz"
+    return f"{rate} Hz, {off}% faster than {wanted} Hz"
 
 
 def _by_timer(timers: Sequence[Claim]) -> str:

@@ -170,12 +170,13 @@ def return_entries(
     sender: str = "",
 ) -> None:
     """Write forms of a class for some entries of it; raises RecordingError if a form reaches no student."""
+    from grader.judging.languages import languages_of_class
     from grader.report.exports.returned import ReturnedClass
 
     folder = results
     if (results / RESULT_FILE).is_file():
         folder = results.resolve().parent
-    given = ReturnedClass(entries, folder, column, sender)
+    given = ReturnedClass(entries, folder, column, sender, languages_of_class(folder, entries))
     notes = _standing_of(entries)
     prints_a_form = any(target.file == STANDARD_OUTPUT for target in targets)
     display = Console(stderr=True) if prints_a_form else console

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from grader.commands.arguments import add_flag, add_lab, add_path, parser_of
 from grader.files import replace_file
+from grader.languages.catalogue import NAMES
 from grader.result_folder import (
     ANONYMOUS_GRADES_FILE,
     ANONYMOUS_PAGE,
@@ -46,6 +47,12 @@ def make_parser() -> argparse.ArgumentParser:
     add_path(parser, "--class-list", listed, "CSV")
     words = "earlier results of the class, e.g. of the first due date: show the changes since then"
     add_path(parser, "--before", words, "RESULTS_DIR")
+    parser.add_argument(
+        "--language",
+        choices=tuple(NAMES),
+        default="",
+        help="first language of the page (default: the lab's)",
+    )
     add_lab(parser, "default: the rubric of most results")
     return parser
 
@@ -73,6 +80,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
         options.class_list,
         anonymous=options.anonymous,
         counted=True,
+        language=options.language,
     )
     return 0
 
@@ -100,6 +108,7 @@ def report_class(
     *,
     anonymous: bool = False,
     counted: bool = False,
+    language: str = "",
 ) -> ClassSummary:
     """Write the page and the table of grades of a class; returns the summary.
 
@@ -109,6 +118,7 @@ def report_class(
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.entries import in_zone, with_roster
     from grader.cohort.statistics import summarise
+    from grader.judging.languages import languages_of
     from grader.report import class_page, grades_csv
     from grader.submission.roster import read_class_list
 
@@ -122,7 +132,11 @@ def report_class(
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)
     similarity = None if anonymous else read_similarity(results)
-    replace_file(page, class_page.render(summary, similarity, anonymous=anonymous))
+    if not language:
+        language = rubric.lab.language
+    languages = languages_of(rubric, language)
+    text = class_page.render(summary, similarity, anonymous=anonymous, languages=languages)
+    replace_file(page, text)
     replace_file(grades, grades_csv.render(summary))
     if counted:
         console.print(f"{_counts(summary)}.")

@@ -19,6 +19,7 @@ from grader.evidence.oracle import compiled
 from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
+from grader.judging.languages import language_of_people, languages_of
 from grader.judging.past_scores import with_past
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
@@ -248,8 +249,16 @@ def report_page(
     from grader.report.submission_page import render
 
     figures = _figures(recordings, rubric)
-    address = rubric.policy.questions_to
-    return render(result, figures, recordings.sessions, recordings.submission, before, address)
+    submission = recordings.submission
+    return render(
+        result,
+        figures,
+        recordings.sessions,
+        submission,
+        before,
+        rubric.policy.questions_to,
+        languages_of(rubric, language_of_people(submission.identity.people, rubric)),
+    )
 
 
 def _figures(recordings: Recordings, rubric: Rubric) -> dict[str, list[Figure]]:

@@ -14,7 +14,7 @@ from decimal import Decimal
 from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -118,6 +118,10 @@ class LabSpec(Parameters):
     title: str
     points: Points
     package: str = Field("student_lab", description="Package under which bare files are installed.")
+    language: Literal["en", "de", "es"] = Field(
+        "en",
+        description="First language of reports, and language of mails; the class list can name another for a student.",
+    )
     ros: str | None = Field(
         None,
         description="Distribution of ROS that the handout was written for; the report names it.",

@@ -30,6 +30,8 @@ class Person:
     #: The systems' own numbers: Moodle's of a participant in one assignment, Canvas' of a user.
     moodle: str = ""
     canvas: str = ""
+    #: Tag of the language of mails and reports, such as `de`.
+    language: str = ""
 
     def completed(self, other: Person) -> Person:
         """Return these facts, with those of another record of the person where these are empty."""

@@ -16,6 +16,7 @@ from grader.cohort.mistakes import Mistake
 from grader.cohort.similarity import Similarity
 from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row, Todo
 from grader.lab.policy import time_text
+from grader.languages.language import ENGLISH_ONLY, Languages
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
@@ -62,7 +63,11 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
 
 
 def render(
-    summary: ClassSummary, similarity: Similarity | None = None, *, anonymous: bool = False
+    summary: ClassSummary,
+    similarity: Similarity | None = None,
+    *,
+    anonymous: bool = False,
+    languages: Languages = ENGLISH_ONLY,
 ) -> str:
     """Return the class page as HTML; equal arguments give equal bytes.
 
@@ -73,8 +78,9 @@ def render(
     spread = summary.spread
     return render_page(
         "class.html.j2",
-        ("report.css", "class.css"),
-        ("class.js",),
+        ("report.css", "class.css", "language.css"),
+        ("class.js", "language.js"),
+        languages,
         summary=summary,
         similarity=similarity,
         compared=_largest_first(compared),

@@ -17,20 +17,30 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from grader.lab.steps.words import fields
+from grader.languages.language import ENGLISH_ONLY, Languages
 from grader.report import views
 from grader.report.compiled_templates import CompiledTemplates
 from grader.report.escape import line, shown
 from grader.report.figures.link import percent
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
+from grader.report.page_languages import with_languages
 
 _FOLDER = Path(__file__).parent / "templates"
 #: Blanks in a style sheet that mean nothing: around brackets and semicolons, and after colons and commas.
 _BLANKS = re.compile(r"\s*([{};])\s*|([:,])\s+")
 
 
-def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **values: Any) -> str:
+def render_page(
+    name: str,
+    styles: tuple[str, ...],
+    scripts: tuple[str, ...],
+    languages: Languages = ENGLISH_ONLY,
+    **values: Any,
+) -> str:
     """Return a page, made of files in the folder of templates; equal arguments give equal bytes."""
     page = _template(name, styles, scripts).render(**values)
+    if languages.others:
+        page = with_languages(page, languages)
     # A lone surrogate cannot be encoded. `shown` has replaced them all, and this changes nothing.
     return page.encode("utf-8", "replace").decode("utf-8")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from grader.cohort.changes import changes_between
 from grader.evidence.recorded import Recorded
+from grader.languages.language import ENGLISH_ONLY, Languages
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
@@ -27,6 +28,7 @@ def render(
     submission: SubmissionRecord,
     before: Result | None = None,
     questions_to: str | None = None,
+    languages: Languages = ENGLISH_ONLY,
 ) -> str:
     """Return the report as a page of HTML; equal arguments give equal bytes.
 
@@ -38,6 +40,8 @@ def render(
         Result of the previous submission.
     questions_to
         Mail address for questions.
+    languages
+        Languages of the page.
     """
     sessions = {}
     timelines = {}
@@ -52,8 +56,9 @@ def render(
     most = views.points(result.final + result.still_undecided)
     return render_page(
         "report.html.j2",
-        ("report.css", "player.css", "timeline.css"),
-        ("parts.js", "report.js", "copy.js", "find.js", "player.js", "timeline.js"),
+        ("report.css", "player.css", "timeline.css", "language.css"),
+        ("parts.js", "report.js", "copy.js", "find.js", "player.js", "timeline.js", "language.js"),
+        languages,
         result=result,
         score=views.final_share(result),
         most=most,

@@ -4,7 +4,8 @@
     alice,20260017,2026-03-02T23:41:00+01:00
 
 `name` is the submission's name, or the name in a learning-management system. All other columns are optional:
-`student_id`, `login`, `email`, `section`, `team` (a team submits together), `submitted_at`. A time without offset from
+`student_id`, `login`, `email`, `section`, `team` (a team submits together), `language` (of the report and of mails, such
+as `de`), `submitted_at`. A time without offset from
 UTC is in the time zone of the rubric's policy. Of several lines of a student with an id, the last time counts. Exports
 of the grade books of Moodle (a grading worksheet, in any language), Canvas, Blackboard and Brightspace are class lists
 too, each in its own form.
@@ -25,6 +26,7 @@ from pathlib import Path
 
 from grader.errors import SubmissionError
 from grader.lab.policy import latest, parse_time
+from grader.languages.catalogue import tag_of
 from grader.recording.submission import Identity, Person
 from grader.submission.lms.worksheet import WORKSHEET_TIME, columns_of, worksheet_time
 
@@ -40,6 +42,7 @@ _COLUMNS = {
     "section": ("section",),
     "moodle": ("identifier",),
     "canvas": ("id",),
+    "language": ("language", "lang"),
 }
 _FIRST = ("first_name", "firstname")
 _LAST = ("last_name", "lastname", "surname")
@@ -89,7 +92,7 @@ def read_class_list(path: Path) -> list[Student]:
         raise SubmissionError(
             f"the class list is not usable: {problem}",
             location=f"{path}:{rows.line_num}",
-            remedy="Its columns are name, student_id, login, email, section, team, submitted_at; times are like "
+            remedy="Its columns are name, student_id, login, email, section, team, language, submitted_at; times are like "
             "2026-03-02T23:41:00+01:00.",
         ) from None
 
@@ -151,6 +154,7 @@ def _listed(row: Mapping[str, str]) -> Student:
     if not facts["name"]:
         facts["name"] = f"{_value(row, _FIRST)} {_value(row, _LAST)}".strip()
     facts["moodle"] = _number_in(facts["moodle"])
+    facts["language"] = tag_of(facts["language"])
     person = Person(**facts)
     if not (person.name or person.student_id or person.login):
         raise ValueError("neither a name nor a student_id")

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from pathlib import PurePosixPath
 
 from grader.cohort.entries import ClassEntry
+from grader.languages.language import Language, Languages
 from grader.report.exports.returned import Returned, ReturnedClass, plain_report
 from grader.result import Result
 from grader.result_folder import REPORT_FILE
@@ -37,7 +38,7 @@ def render(given: ReturnedClass) -> Returned:
         elif not entry.identity.handback:
             system = entry.identity.system or "the way in which they came"
             why = f"{system} takes no files back in an archive; `--to mail` makes mails"
-        elif file := _file(entry, entry.result, report):
+        elif file := _file(entry, entry.result, report, _language_of(entry, given.languages)):
             files |= file
             continue
         else:
@@ -60,7 +61,13 @@ def packed(files: Mapping[str, bytes]) -> bytes:
     return archive.getvalue()
 
 
-def _file(entry: ClassEntry, result: Result, report: bytes) -> dict[str, bytes]:
+def _language_of(entry: ClassEntry, languages: Languages) -> Language:
+    """Return the language that all people of a submission have; the first one shown if they differ."""
+    tags = {person.language for person in entry.people}
+    return languages.of(tags.pop() if len(tags) == 1 else "")
+
+
+def _file(entry: ClassEntry, result: Result, report: bytes, language: Language) -> dict[str, bytes]:
     """Return the returned file under its name; none if no name fits, or all of them lead elsewhere."""
     safe = filter(_stays_inside, entry.identity.handback)
 
@@ -74,7 +81,7 @@ def _file(entry: ClassEntry, result: Result, report: bytes) -> dict[str, bytes]:
         if path.lower().endswith(".zip"):
             return {path: packed({REPORT_FILE: report})}
         if PurePosixPath(path).suffix.lower() in TEXT_SUFFIXES:
-            return {path: plain_report(result).encode()}
+            return {path: plain_report(result, language).encode()}
     return {}
 
 

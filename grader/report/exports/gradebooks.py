@@ -275,7 +275,7 @@ MOODLE = GradeBook(
         _POINTS,
         Column("Maximum Grade", lambda share: share.result.score.possible),
         Column("Last modified (grade)", lambda share: ""),
-        Column("Feedback comments", lambda share: comment(share.result)),
+        Column("Feedback comments", lambda share: comment(share.result, share.language)),
     ),
     heading="Grade",
     above="with which 'Import > CSV file' imports nobody, and 'Upload grading worksheet' skips the line: raise the "
@@ -299,7 +299,7 @@ BLACKBOARD = GradeBook(
     (
         Column("Username", _LOGIN, is_key=True),
         _POINTS,
-        Column("Feedback to Learner", lambda share: comment(share.result)),
+        Column("Feedback to Learner", lambda share: comment(share.result, share.language)),
         Column("Feedback Format", lambda share: "SMART_TEXT"),
     ),
     heading="{lab} [Total Pts: {points} Score]",

@@ -78,11 +78,12 @@ def _message(share: Share, report: bytes, sender: str) -> EmailMessage:
     if sender:
         message["From"] = sender
     message["To"] = to
-    message["Subject"] = f"Your report: {line(share.result.lab)}"
+    in_language = share.language.text
+    message["Subject"] = in_language(f"Your report: {line(share.result.lab)}")
     message["X-Unsent"] = "1"
     greeting = f"{name},\n\n" if name else ""
-    attached = f"The whole report is attached; open {REPORT_FILE} in a browser."
-    text = f"{greeting}{plain_report(share.result)}\n{attached}\n"
+    attached = in_language(f"The whole report is attached; open {REPORT_FILE} in a browser.")
+    text = f"{greeting}{plain_report(share.result, share.language)}\n{attached}\n"
     message.set_content(text)
     message.add_attachment(report, maintype="text", subtype="html", filename=REPORT_FILE)
     # The boundary cannot occur in the parts: the text cannot know the hash, and Base64 has no underscore.

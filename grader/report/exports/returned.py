@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from grader.cohort.entries import ClassEntry
+from grader.languages.language import ENGLISH, ENGLISH_ONLY, Language, Languages
 from grader.recording.submission import Person
 from grader.report.escape import line
 from grader.report.exports.graded import graded
@@ -30,6 +31,7 @@ class Share:
     person: Person
     entry: ClassEntry
     result: Result
+    language: Language = ENGLISH
 
     @property
     def is_above(self) -> bool:
@@ -48,6 +50,8 @@ class ReturnedClass:
     column: str = ""
     #: Sender of mails; empty to leave the sender to the mail program.
     sender: str = ""
+    #: Languages of texts for students.
+    languages: Languages = ENGLISH_ONLY
 
     @property
     def shares(self) -> Iterator[Share]:
@@ -56,7 +60,7 @@ class ReturnedClass:
             if entry.result is None:
                 continue
             for person in entry.people:
-                yield Share(person, entry, entry.result)
+                yield Share(person, entry, entry.result, self.languages.of(person.language))
 
     def report(self, entry: ClassEntry) -> bytes | None:
         """Return the page of a submission's report, or None if there is none."""
@@ -81,7 +85,7 @@ class Returned:
     further: list[Returned] = field(default_factory=list)
 
 
-def comment(result: Result) -> str:
+def comment(result: Result, language: Language = ENGLISH) -> str:
     """Return one line for the student: the earned points, and the mistakes that cost most."""
     texts = [f"{points(result.final)} of {points(result.score.possible)} points."]
     if result.adjustments:
@@ -96,25 +100,29 @@ def comment(result: Result) -> str:
     if losses:
         mistakes = [f"{loss.check.title} ({_gain(loss)})" for loss in losses]
         texts.append(f"Fix first: {'; '.join(mistakes)}.")
-    return line(" ".join(texts), 480).translate(_MARKUP)
+    text = " ".join(map(language.text, texts))
+    return line(text, 480).translate(_MARKUP)
 
 
-def plain_report(result: Result) -> str:
+def plain_report(result: Result, language: Language = ENGLISH) -> str:
     """Return a short report as plain text: the points of each part, and the mistakes to fix first."""
     view = graded(result)
-    lines = [line(result.lab), comment(result), "", "The points of each part, as judged:"]
+    text = language.text
+    lines = [text(line(result.lab)), comment(result, language), ""]
+    lines.append(text("The points of each part, as judged:"))
     for part in view.criteria:
-        share = f"{points(part.earned):>6} of {points(part.possible):<6}"
+        share = text(f"{points(part.earned):>6} of {points(part.possible):<6}")
         undecided = ""
         if part.undecided:
-            undecided = f" ({points(part.undecided)} undecided)"
-        lines.append(f"  {share} {line(part.title)}{undecided}")
+            undecided = text(f" ({points(part.undecided)} undecided)")
+        lines.append(f"  {share} {text(line(part.title))}{undecided}")
     for loss in losses_of(view)[:_MOST_LOSSES]:
         check = loss.check
         reason = line(check.reason, 600)
-        lines += ["", f"{line(check.title)} ({_gain(loss)}): {reason}"]
+        title = text(f"{line(check.title)} ({_gain(loss)})")
+        lines += ["", f"{title}: {text(reason)}"]
         if check.hint:
-            lines.append(line(check.hint, 600))
+            lines.append(text(line(check.hint, 600)))
     return "\n".join([*lines, ""])
 
 

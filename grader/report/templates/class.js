@@ -139,7 +139,7 @@
 
   byId("f-copy").addEventListener("click", function () {
     var text = visible().map(function (row) { return row.querySelector(".student").textContent.trim(); });
-    function done() { tell(); status.textContent += " " + text.length + (text.length === 1 ? " name" : " names") + " copied."; }
+    function done() { tell(); status.textContent += " " + (text.length === 1 ? text.length + " name copied." : text.length + " names copied."); }
     function byHand() {
       var area = document.createElement("textarea");
       area.value = text.join("\n");

@@ -40,7 +40,11 @@
     at = -1;
     mark();
     var lines = document.querySelectorAll(".check:not(.unfound)").length;
-    told.textContent = words ? places.length + (places.length < MOST ? "" : " or more") + (places.length === 1 ? " place" : " places") : wanted.value ? lines + " checks" : "";
+    told.textContent = words ? counted(places.length) : wanted.value ? lines + " checks" : "";
+  }
+  function counted(number) {
+    if (number === 1) { return number + " place"; }
+    return number < MOST ? number + " places" : number + " or more places";
   }
   // The places of the words in the text that is shown, as ranges.
   function placesOf(words) {
