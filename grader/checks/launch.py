@@ -16,7 +16,6 @@ from grader.checks.base import (
     credit_of,
     describe_diagnosis,
     excused,
-    excused_part,
     failed,
     graded,
     inconclusive,
@@ -682,7 +681,7 @@ def _charged_once(
     """
     if context.path_of(wanted.artifact) is None:
         missing = replace(part, reason=f"The file for {wanted.node} is missing.")
-        return excused_part(missing, context.also_under(wanted.charged_by))
+        return context.excuse_part(missing, wanted.charged_by)
     by: list[str | None] = []
     for mate in mates:
         by += _chargers(context, entry, mate)

@@ -120,11 +120,20 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)
 
 @dataclass(frozen=True)
 class Loss:
-    """A check that lost points by itself, its criterion, and the checks that the same fix opens."""
+    """A check that lost points by itself, its criterion, and the other checks that the fix concerns.
+
+    Attributes
+    ----------
+    others
+        Checks with points that the same fix opens.
+    spared
+        Checks with the same mistake, which costs nothing there, because it is charged here.
+    """
 
     check: CheckResult
     criterion: CriterionResult
     others: tuple[CheckResult, ...]
+    spared: tuple[CheckResult, ...] = ()
 
     @property
     def opens(self) -> Decimal:
@@ -142,7 +151,8 @@ def losses_of(result: Result) -> list[Loss]:
     for criterion in result.criteria:
         for first, *same in _same_mistakes(criterion):
             blocked = _blocked_by(first, result)
-            found.append(Loss(first, criterion, (*same, *blocked)))
+            spared = _spared_by([first, *same], result)
+            found.append(Loss(first, criterion, (*same, *blocked), tuple(spared)))
     found.sort(key=lambda loss: -(loss.check.lost + loss.opens))
     return sorted(found, key=lambda loss: not loss.check.endangers)
 
@@ -176,6 +186,12 @@ def _blocked_by(blocking: CheckResult, result: Result) -> list[CheckResult]:
         if check.blocked_by == blocking.id and check.lost > 0:
             found.append(check)
     return found
+
+
+def _spared_by(charging: Sequence[CheckResult], result: Result) -> list[CheckResult]:
+    """Return the checks in which a mistake costs nothing, because one of some checks charges it."""
+    ids = {check.id for check in charging}
+    return [check for check in result.checks if ids.intersection(check.charged_by)]
 
 
 def bonus_lines(result: Result) -> list[str]:

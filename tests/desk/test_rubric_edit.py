@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import shlex
 from decimal import Decimal
 from pathlib import Path
 
@@ -121,7 +122,10 @@ def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
         assert (row["difference"], row["parts"]) == ("+2", ["Mean error at Ctrl-C +2"])
         assert {path: path.read_bytes() for path in made.rglob("*") if path.is_file()} == before
         status, body, _ = desk.ask("POST", "rubric/save", moved)
-        assert (status, json.loads(body)["saved"]) == (200, str(made / EDITED_RUBRIC))
+        plain = json.loads(body)
+        assert (status, plain["saved"]) == (200, str(made / EDITED_RUBRIC))
+        words = ["grade", "regrade", str(made), "--rubric", str(made / EDITED_RUBRIC)]
+        assert shlex.split(plain["command"]) == [*words, "--ask", "--mail"]
     finally:
         desk.kill()
     console = Console(record=True, width=200)
