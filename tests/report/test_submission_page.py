@@ -234,10 +234,10 @@ def test_the_card_with_the_charge_names_the_checks_that_it_spares() -> None:
         excused = dataclasses.replace(spared, charged_by=(charging,))
         html = page_of(result_of([CHECKS[1], again, excused]))
         fix = html[html.index('<section class="fix"') : html.index("<main>")]
-        words = "Charged here alone. The same mistake costs nothing in: Title of a.spared."
+        words = "Charged here alone. The same mistake costs nothing in: Title of a.spared"
         assert words in text_of(fix)
         assert '<a href="#check-a.spared">' in fix
-        assert f"Charged once, under Title of {charging}." in text_of(html)
+        assert f"Charged once, under Title of {charging}" in text_of(html)
     assert "Charged here alone" not in text_of(page_of())
 
 
