@@ -38,7 +38,7 @@ def next_steps(summary: ClassSummary, results: Path, forms: Collection[str]) -> 
     return [
         *_questions(summary, results),
         *_ungraded(summary),
-        *_strangers(summary),
+        *_missing_from_list(summary),
         *_returns(summary, results, forms),
     ]
 
@@ -65,12 +65,14 @@ def _ungraded(summary: ClassSummary) -> Iterator[Step]:
         )
 
 
-def _strangers(summary: ClassSummary) -> Iterator[Step]:
+def _missing_from_list(summary: ClassSummary) -> Iterator[Step]:
     """Yield a step for the graded submissions without a student's id, if others have one."""
     graded = [row.entry for row in summary.rows if row.result is not None]
     names = [entry.name for entry in graded if entry.student_id is None]
     listed = any(row.entry.student_id is not None for row in summary.rows)
-    if names and listed:
+    if not listed:
+        return
+    if names:
         yield Step(
             _counted(names, "not on the class list"),
             "add these names to it, and run the same command again",

@@ -120,14 +120,14 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)
 
 @dataclass(frozen=True)
 class Loss:
-    """A check that lost points by itself, its criterion, and the other checks that the fix concerns.
+    """A check that lost points by itself, its criterion, and other checks with the same mistake.
 
     Attributes
     ----------
     others
         Checks with points that the same fix opens.
     spared
-        Checks with the same mistake, which costs nothing there, because it is charged here.
+        Excused checks: the mistake is charged here, and costs nothing there.
     """
 
     check: CheckResult
@@ -188,10 +188,21 @@ def _blocked_by(blocking: CheckResult, result: Result) -> list[CheckResult]:
     return found
 
 
+def titles_by_id(result: Result) -> dict[str, str]:
+    """Return the title of each check by its id."""
+    titles = {}
+    for check in result.every_check:
+        titles[check.id] = check.title
+    return titles
+
+
 def _spared_by(charging: Sequence[CheckResult], result: Result) -> list[CheckResult]:
-    """Return the checks in which a mistake costs nothing, because one of some checks charges it."""
-    ids = {check.id for check in charging}
-    return [check for check in result.checks if ids.intersection(check.charged_by)]
+    """Return the checks excused by one of the charging checks."""
+    found = []
+    for check in result.checks:
+        if any(each.id in check.charged_by for each in charging):
+            found.append(check)
+    return found
 
 
 def bonus_lines(result: Result) -> list[str]:

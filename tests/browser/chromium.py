@@ -80,7 +80,7 @@ class Visit:
         return made
 
     def unread(self) -> list[str]:
-        """Give what a screen reader would miss: skipped levels of headings, and controls or pictures without a name."""
+        """Give skipped levels of headings, and controls or pictures without a name for a screen reader."""
         found: list[str] = self.page.evaluate(UNREAD)
         return found
 

@@ -69,7 +69,7 @@ def test_nothing_graded_leaves_nothing_to_return() -> None:
 
 
 def test_who_is_missing_from_the_class_list_is_named() -> None:
-    """Submissions without an id are a step if others have one; mails count those who can be reached."""
+    """Submissions without an id are a step if others have one; mails are counted by their addresses."""
     result = result_of(TWO, [1, 1])
     ann = Identity((Person("Ann", email="ann@uni.example"),))
     known = entry_of("ann", result, student_id="1", identity=ann)

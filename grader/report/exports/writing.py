@@ -35,7 +35,9 @@ class ExportTarget:
         """Read `NAME` or `NAME=FILE`; raises ValueError if the forms have no such export."""
         name, _, file = text.partition("=")
         if name not in forms:
-            near = meant(name, list(forms)) or f"; there are {', '.join(forms)}"
+            near = meant(name, list(forms))
+            if not near:
+                near = f"; there are {', '.join(forms)}"
             raise ValueError(f"there is no export {name!r}{near}")
         if file.startswith(_DEVICES):
             raise ValueError(
