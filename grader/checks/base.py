@@ -371,7 +371,10 @@ def of_parts(
 def _with_causes(finding: Finding, parts: Sequence[Part]) -> Finding:
     """Return the finding of parts with the causes of its loss, excused if nothing else would be lost."""
     elsewhere = _different(part.reason for part in parts if part.is_excused)
-    charging = _different(part.charged_by or "" for part in parts)
+    charging: dict[str, None] = {}
+    for part in parts:
+        if part.charged_by is not None:
+            charging[part.charged_by] = None
     finding = replace(finding, charged_by=tuple(charging))
     if finding.outcome is Outcome.PASSED and elsewhere:
         return replace(finding, outcome=Outcome.EXCUSED, reason=" ".join(elsewhere))

@@ -67,9 +67,13 @@ def _ungraded(summary: ClassSummary) -> Iterator[Step]:
 
 def _missing_from_list(summary: ClassSummary) -> Iterator[Step]:
     """Yield a step for the graded submissions without a student's id, if others have one."""
-    graded = [row.entry for row in summary.rows if row.result is not None]
-    names = [entry.name for entry in graded if entry.student_id is None]
-    listed = any(row.entry.student_id is not None for row in summary.rows)
+    names = []
+    listed = False
+    for row in summary.rows:
+        if row.entry.student_id is not None:
+            listed = True
+        elif row.result is not None:
+            names.append(row.entry.name)
     if not listed:
         return
     if names:
@@ -101,7 +105,9 @@ def _returns(summary: ClassSummary, results: Path, forms: Collection[str]) -> It
     if takes_reports:
         yield Step("reports into the same system", f"{export} feedback")
     elif reached:
-        whom = "each student" if reached == graded else f"the {reached} of {graded} with an address"
+        whom = "each student"
+        if reached < graded:
+            whom = f"the {reached} of {graded} with an address"
         yield Step(f"a mail to {whom}", f"{export} mail")
 
 

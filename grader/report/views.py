@@ -198,9 +198,12 @@ def titles_by_id(result: Result) -> dict[str, str]:
 
 def _spared_by(charging: Sequence[CheckResult], result: Result) -> list[CheckResult]:
     """Return the checks excused by one of the charging checks."""
+    ids = set()
+    for check in charging:
+        ids.add(check.id)
     found = []
     for check in result.checks:
-        if any(each.id in check.charged_by for each in charging):
+        if not ids.isdisjoint(check.charged_by):
             found.append(check)
     return found
 
