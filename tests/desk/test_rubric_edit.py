@@ -107,6 +107,12 @@ def test_a_rubric_that_cannot_be_used_is_not_saved(rubric: Rubric, made: Path) -
     assert not (made / EDITED_RUBRIC).exists()
 
 
+def require_command(command: str, results: Path) -> None:
+    """Fail unless a command applies the edited rubric, after a question, with mails."""
+    words = ["grade", "regrade", str(results), "--rubric", str(results / EDITED_RUBRIC)]
+    assert shlex.split(command) == [*words, "--ask", "--mail"]
+
+
 def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
     """A preview changes nothing; after saving, `grade regrade --rubric` gives the same points."""
     before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
@@ -124,8 +130,7 @@ def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
         status, body, _ = desk.ask("POST", "rubric/save", moved)
         plain = json.loads(body)
         assert (status, plain["saved"]) == (200, str(made / EDITED_RUBRIC))
-        words = ["grade", "regrade", str(made), "--rubric", str(made / EDITED_RUBRIC)]
-        assert shlex.split(plain["command"]) == [*words, "--ask", "--mail"]
+        require_command(plain["command"], made)
     finally:
         desk.kill()
     console = Console(record=True, width=200)
