@@ -26,6 +26,7 @@ from grader.judging.rubrics import rubric_files
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
+from grader.lab.yaml_with_lines import meant
 from grader.live.builds.build import build_packages, can_build
 from grader.live.interfaces.build import parts_in
 from grader.live.interfaces.needs import Needed, needed_interfaces, provide_interfaces
@@ -155,7 +156,8 @@ def require_sessions(names: Sequence[str], rubric: Rubric) -> None:
     for name in names:
         if name not in rubric.sessions:
             remedy = f"Sessions of this rubric are {', '.join(rubric.sessions)}."
-            raise UsageError(f"there is no session {name!r}", remedy=remedy)
+            near = meant(name, list(rubric.sessions))
+            raise UsageError(f"there is no session {name!r}{near}", remedy=remedy)
 
 
 def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionRecord) -> list[str]:

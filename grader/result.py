@@ -174,6 +174,8 @@ class Finding:
     is_silent: bool = False
     #: Names of the mistakes behind the loss; the dearest check of each name charges it.
     causes: tuple[str, ...] = ()
+    #: Ids of the checks that charge a mistake which costs nothing here.
+    charged_by: tuple[str, ...] = ()
     #: Name of the rule that decided; see `grader.judging.rules`.
     decided_by: str | None = None
 
@@ -239,6 +241,8 @@ class CheckResult:
     commands: tuple[str, ...] = ()
     #: Id of the failed check that kept this one from being tested.
     blocked_by: str | None = None
+    #: Ids of the checks that charge a mistake which costs nothing here.
+    charged_by: tuple[str, ...] = ()
     #: A reported claim that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
     #: Name of the rule that decided; None in results of earlier versions.

@@ -78,8 +78,8 @@ class Context:
         outcomes = (Outcome.NOT_REACHED, Outcome.EXCUSED)
         return finding.outcome.took_points or finding.outcome in outcomes
 
-    def charged_under(self, cause: str | None, by: Iterable[str | None] = ()) -> str:
-        """Name another check with the charge for a mistake; empty without one.
+    def charged_under(self, cause: str | None, by: Iterable[str | None] = ()) -> str | None:
+        """Return the id of another check with the charge for a mistake; None without one.
 
         Parameters
         ----------
@@ -90,11 +90,11 @@ class Context:
         """
         check = self.charged_elsewhere.get(cause or "")
         if check is not None:
-            return self.also_under(check)
+            return check
         for earlier in by:
             if earlier is not None and self.charged(earlier):
-                return self.also_under(earlier)
-        return ""
+                return earlier
+        return None
 
     def also_under(self, check: str) -> str:
         """Say that a check charges the same mistake."""
@@ -106,9 +106,9 @@ class Context:
         """Add the cause of its loss to a finding, or excuse the finding if another check has the charge."""
         if not finding.outcome.took_points:
             return finding
-        elsewhere = self.charged_under(cause, by)
-        if elsewhere:
-            return excused(finding, elsewhere)
+        check = self.charged_under(cause, by)
+        if check is not None:
+            return replace(excused(finding, self.also_under(check)), charged_by=(check,))
         if cause is None:
             return finding
         return replace(finding, causes=(*finding.causes, cause))
@@ -117,12 +117,16 @@ class Context:
         """Add the cause of its loss to a part, or excuse the part if another check has the charge."""
         if part.share >= 1:
             return part
-        elsewhere = self.charged_under(cause, by)
-        if elsewhere:
-            return excused_part(part, elsewhere)
+        check = self.charged_under(cause, by)
+        if check is not None:
+            return self.excuse_part(part, check)
         if cause is None:
             return part
         return replace(part, causes=(*part.causes, cause))
+
+    def excuse_part(self, part: Part, check: str) -> Part:
+        """Excuse a part, because a check charges the same mistake."""
+        return replace(excused_part(part, self.also_under(check)), charged_by=check)
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
         """Explain why a process ended or misbehaved, from its output and its exit status."""
@@ -285,6 +289,8 @@ class Part:
     causes: tuple[str, ...] = ()
     #: True if another check charges its mistake.
     is_excused: bool = False
+    #: Id of that check, if one check is known.
+    charged_by: str | None = None
 
     @classmethod
     def between(cls, share: Interval, text: str = "", reason: str = "", hint: str = "") -> Part:
@@ -365,6 +371,11 @@ def of_parts(
 def _with_causes(finding: Finding, parts: Sequence[Part]) -> Finding:
     """Return the finding of parts with the causes of its loss, excused if nothing else would be lost."""
     elsewhere = _different(part.reason for part in parts if part.is_excused)
+    charging: dict[str, None] = {}
+    for part in parts:
+        if part.charged_by is not None:
+            charging[part.charged_by] = None
+    finding = replace(finding, charged_by=tuple(charging))
     if finding.outcome is Outcome.PASSED and elsewhere:
         return replace(finding, outcome=Outcome.EXCUSED, reason=" ".join(elsewhere))
     if not finding.outcome.took_points:

@@ -16,7 +16,6 @@ from grader.checks.base import (
     credit_of,
     describe_diagnosis,
     excused,
-    excused_part,
     failed,
     graded,
     inconclusive,
@@ -744,12 +743,12 @@ def _charged_once(
     """
     if context.path_of(wanted.artifact) is None:
         missing = replace(part, reason=f"The file for {wanted.node} is missing.")
-        return excused_part(missing, context.also_under(wanted.charged_by))
+        return context.excuse_part(missing, wanted.charged_by)
     cause = _parameter_cause(context, entry, wanted)
     if not context.charged_under(cause):
         alone = _broken_alone(context, entry, wanted)
         if alone:
-            return excused_part(part, alone)
+            return replace(excused_part(part, alone), charged_by=wanted.charged_by)
     by: list[str | None] = []
     for mate in mates:
         by += _chargers(context, entry, mate)

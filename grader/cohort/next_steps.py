@@ -35,7 +35,12 @@ class Step:
 
 def next_steps(summary: ClassSummary, results: Path, forms: Collection[str]) -> list[Step]:
     """Return the steps for exactly this class; `forms` are the names of the exports for a class."""
-    return [*_questions(summary, results), *_ungraded(summary), *_returns(summary, results, forms)]
+    return [
+        *_questions(summary, results),
+        *_ungraded(summary),
+        *_missing_from_list(summary),
+        *_returns(summary, results, forms),
+    ]
 
 
 def _questions(summary: ClassSummary, results: Path) -> Iterator[Step]:
@@ -60,17 +65,37 @@ def _ungraded(summary: ClassSummary) -> Iterator[Step]:
         )
 
 
+def _missing_from_list(summary: ClassSummary) -> Iterator[Step]:
+    """Yield a step for the graded submissions without a student's id, if others have one."""
+    names = []
+    listed = False
+    for row in summary.rows:
+        if row.entry.student_id is not None:
+            listed = True
+        elif row.result is not None:
+            names.append(row.entry.name)
+    if not listed:
+        return
+    if names:
+        yield Step(
+            _counted(names, "not on the class list"),
+            "add these names to it, and run the same command again",
+        )
+
+
 def _returns(summary: ClassSummary, results: Path, forms: Collection[str]) -> Iterator[Step]:
     """Yield the steps that return points and reports, by the systems of the class's download."""
     export = f"grade export {results} --to"
     systems = set()
     takes_reports = False
-    addresses = set()
+    graded = 0
+    reached = 0
     for row in summary.rows:
         if row.result is not None:
+            graded += 1
             systems.add(row.entry.identity.system)
             takes_reports |= bool(row.entry.identity.handback)
-            addresses |= {person.email for person in row.entry.people}
+            reached += any(person.email for person in row.entry.people)
     if not systems:
         return
     yield Step("the class, its mistakes and points", f"grade open {results}")
@@ -79,8 +104,11 @@ def _returns(summary: ClassSummary, results: Path, forms: Collection[str]) -> It
             yield Step(f"points into {system}", f"{export} {system.lower()}")
     if takes_reports:
         yield Step("reports into the same system", f"{export} feedback")
-    elif addresses - {""}:
-        yield Step("a mail to each student", f"{export} mail")
+    elif reached:
+        whom = "each student"
+        if reached < graded:
+            whom = f"the {reached} of {graded} with an address"
+        yield Step(f"a mail to {whom}", f"{export} mail")
 
 
 def _named(summary: ClassSummary, need: Need) -> list[str]:

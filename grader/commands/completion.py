@@ -54,6 +54,8 @@ def completion_for(shell: str) -> str:
     for action in _actions(parser):
         if action.type in (Path, rubric_path) or action.dest == "rubric":
             action.complete = shtab.FILE
+        if action.dest == "exports":
+            action.choices = action.type.keywords["forms"]
     script: str = shtab.complete(parser, shell)
     line, replacement = _WITH_PATHS[shell]
     return script.replace(line, replacement, 1)

@@ -14,6 +14,7 @@ from rich.console import Console
 from confine.helpers import become, python
 from grader.commands.arguments import add_flag, parser_of, print_note
 from grader.errors import RecordingError, UsageError
+from grader.lab.yaml_with_lines import meant
 from grader.recording.session import SESSION_FILE
 from grader.result_folder import RECORDINGS
 
@@ -167,7 +168,7 @@ def _recording(results: Path, session: str | None) -> Path:
     if session is None and len(names) > 1:
         problem = "there are several sessions"
     elif session is not None and session not in names:
-        problem = f"there is no session {session!r}"
+        problem = f"there is no session {session!r}{meant(session, names)}"
     if problem:
         raise UsageError(
             problem, location=str(results), remedy=f"Name one session: {', '.join(names)}."

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hmac
 import json
 import secrets
+import shlex
 import socket
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -210,7 +211,14 @@ class Server:
 
     async def _rubric_save(self, request: Request) -> Response:
         text = await self._edited(request)
-        return _json(lambda: {"saved": str(save(self.desk.results, text()))})
+        results = self.desk.results
+
+        def saved() -> dict[str, str]:
+            file = save(results, text())
+            words = ["grade", "regrade", str(results), "--rubric", str(file), "--ask", "--mail"]
+            return {"saved": str(file), "command": shlex.join(words)}
+
+        return _json(saved)
 
     async def _edited(self, request: Request) -> Callable[[], str]:
         body = await request.body()

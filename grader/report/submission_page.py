@@ -67,6 +67,7 @@ def render(
         said=views.said_of(result),
         recorded=recorded_at,
         lost=losses,
+        titles=views.titles_by_id(result),
         same_fix=views.same_fixes(result),
         beside=placed.beside,
         players=players,

@@ -120,11 +120,20 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)
 
 @dataclass(frozen=True)
 class Loss:
-    """A check that lost points by itself, its criterion, and the checks that the same fix opens."""
+    """A check that lost points by itself, its criterion, and other checks with the same mistake.
+
+    Attributes
+    ----------
+    others
+        Checks with points that the same fix opens.
+    spared
+        Excused checks: the mistake is charged here, and costs nothing there.
+    """
 
     check: CheckResult
     criterion: CriterionResult
     others: tuple[CheckResult, ...]
+    spared: tuple[CheckResult, ...] = ()
 
     @property
     def opens(self) -> Decimal:
@@ -142,7 +151,8 @@ def losses_of(result: Result) -> list[Loss]:
     for criterion in result.criteria:
         for first, *same in _same_mistakes(criterion):
             blocked = _blocked_by(first, result)
-            found.append(Loss(first, criterion, (*same, *blocked)))
+            spared = _spared_by([first, *same], result)
+            found.append(Loss(first, criterion, (*same, *blocked), tuple(spared)))
     found.sort(key=lambda loss: -(loss.check.lost + loss.opens))
     return sorted(found, key=lambda loss: not loss.check.endangers)
 
@@ -174,6 +184,26 @@ def _blocked_by(blocking: CheckResult, result: Result) -> list[CheckResult]:
     found = []
     for check in result.checks:
         if check.blocked_by == blocking.id and check.lost > 0:
+            found.append(check)
+    return found
+
+
+def titles_by_id(result: Result) -> dict[str, str]:
+    """Return the title of each check by its id."""
+    titles = {}
+    for check in result.every_check:
+        titles[check.id] = check.title
+    return titles
+
+
+def _spared_by(charging: Sequence[CheckResult], result: Result) -> list[CheckResult]:
+    """Return the checks excused by one of the charging checks."""
+    ids = set()
+    for check in charging:
+        ids.add(check.id)
+    found = []
+    for check in result.checks:
+        if not ids.isdisjoint(check.charged_by):
             found.append(check)
     return found
 

@@ -29,8 +29,6 @@ ARGUMENTS = (
 DESK, PHONE = (1240, 900), (390, 844)
 #: A4 at 96 dots per inch, the size for a browser's rules for paper.
 PAPER = (794, 1123)
-#: Rules of axe-core; a breach makes a page unusable for some people.
-GRAVE = ("serious", "critical")
 # A busy machine takes longer to show a page than Playwright's own timeout of five seconds.
 expect.set_options(timeout=30_000)
 
@@ -69,7 +67,7 @@ class Visit:
     complaints: list[str] = field(default_factory=list)
 
     def axe(self) -> list[str]:
-        """Give axe-core's grave findings, a line each."""
+        """Give axe-core's findings, a line each."""
         script = importlib.resources.files("axe_playwright_python") / "axe.min.js"
         self.page.evaluate(script.read_text(encoding="utf-8"))
         found: dict[str, Any] = self.page.evaluate(
@@ -77,11 +75,14 @@ class Visit:
         )
         made = []
         for v in found["violations"]:
-            if v["impact"] in GRAVE:
-                made.append(
-                    f"{v['id']}: {v['help']}: {v['nodes'][0]['target']} {v['nodes'][0]['failureSummary']}"
-                )
+            node = v["nodes"][0]
+            made.append(f"{v['id']}: {v['help']}: {node['target']} {node['failureSummary']}")
         return made
+
+    def unread(self) -> list[str]:
+        """Give skipped levels of headings, and controls or pictures without a name for a screen reader."""
+        found: list[str] = self.page.evaluate(UNREAD)
+        return found
 
 
 @contextmanager
@@ -119,6 +120,32 @@ def visit(
         assert [url for url in seen.requests if not url.startswith("file:")] == []
     finally:
         context.close()
+
+
+#: Headings below a skipped level, and controls, groups and pictures in view without a name.
+UNREAD = """() => {
+  const seen = e => e.checkVisibility() && !e.closest('[aria-hidden=true]');
+  const named = e => e.ariaLabel || e.title || e.textContent.trim() || e.labels && e.labels.length
+    || document.getElementById(e.getAttribute('aria-labelledby'));
+  const found = [];
+  let level = 0;
+  for (const heading of [...document.querySelectorAll('h1, h2, h3, h4')].filter(seen)) {
+    const next = Number(heading.tagName[1]);
+    if (next > level + 1) found.push(`h${level} to h${next}: ${heading.textContent}`);
+    level = next;
+  }
+  const controls = 'button, a[href], input, select, textarea, summary, svg[role=img], [role=group], [role=region]';
+  for (const e of [...document.querySelectorAll(controls)].filter(seen)) {
+    if (!named(e)) found.push(e.outerHTML.slice(0, 120));
+  }
+  for (const picture of [...document.querySelectorAll('figure svg')].filter(seen)) {
+    if (!picture.closest('[role=img], [aria-label], [aria-labelledby]')) found.push(picture.outerHTML.slice(0, 120));
+  }
+  for (const e of [...document.querySelectorAll('details')].filter(seen)) {
+    if (e.firstElementChild.tagName !== 'SUMMARY') found.push(e.outerHTML.slice(0, 120));
+  }
+  return found;
+}"""
 
 
 def printed(started: Browser, file: Path) -> PdfReader:

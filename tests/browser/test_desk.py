@@ -198,7 +198,7 @@ def settle_services(keys: Keyboard) -> None:
 def test_the_desk_can_be_used_by_all(
     chromium: Browser, made: Path, tmp_path: Path, dark: bool
 ) -> None:
-    """No grave finding of axe-core: with decided items shown, the preview open, in evidence, and among the limits."""
+    """No finding of axe-core: with decided items shown, the preview open, in evidence, and among the limits."""
     desk = serve(made)
     try:
         seen = with_decided(chromium, desk, dark=dark)
@@ -443,6 +443,31 @@ def test_a_pasted_question_is_an_appeal(chromium: Browser, small: Path) -> None:
         page.locator("#undo").click()
         expect(page.locator("#about")).not_to_contain_text("appeal")
         assert entries(small) == []
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        page.evaluate("text => navigator.clipboard.writeText(text)", mail)
+        page.locator("#reason").focus()
+        page.keyboard.press("Control+v")
+        assert entries(small) == []
+        page.keyboard.press("Escape")
+        page.keyboard.press("Control+v")
+        expect(page.locator("#about")).to_contain_text("bob · appeal")
+        assert [entry["check"] for entry in entries(small)] == [result.checks[0].id]
+    finally:
+        desk.kill()
+
+
+def test_a_moved_limit_is_one_command(chromium: Browser, small: Path) -> None:
+    """A saved rubric comes with the command that shows, asks, applies and writes mails; it is in the clipboard."""
+    desk = serve(small)
+    try:
+        page = opened(chromium, desk, "rubric.html").page
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        page.locator("#limits input").first.fill("5")
+        page.get_by_role("button", name="Save as a file").click()
+        expect(page.locator("#said")).to_contain_text("The command is copied.")
+        command = page.locator("#command").inner_text()
+        assert command.endswith("rubric-edited.yaml --ask --mail")
+        assert page.evaluate("navigator.clipboard.readText()") == command
     finally:
         desk.kill()
 

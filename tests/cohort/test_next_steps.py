@@ -66,3 +66,17 @@ def test_points_go_back_to_the_system_of_the_download() -> None:
 def test_nothing_graded_leaves_nothing_to_return() -> None:
     """Without a result, only the reason is left."""
     assert len(steps(ClassEntry("d", None, "An empty archive."))) == 1
+
+
+def test_who_is_missing_from_the_class_list_is_named() -> None:
+    """Submissions without an id are a step if others have one; mails are counted by their addresses."""
+    result = result_of(TWO, [1, 1])
+    ann = Identity((Person("Ann", email="ann@uni.example"),))
+    known = entry_of("ann", result, student_id="1", identity=ann)
+    found = steps(known, entry_of("bob", result))
+    assert found[0] == (
+        "1 not on the class list: bob → add these names to it, and run the same command again"
+    )
+    assert found[-1] == ("a mail to the 1 of 2 with an address → grade export results --to mail")
+    assert not any("class list" in step for step in steps(known))
+    assert not any("class list" in step for step in steps(entry_of("bob", result)))

@@ -103,6 +103,7 @@ def test_bash(tmp_path: Path) -> None:
     assert "--class-list" in in_bash("grade --cla", tmp_path)
     assert "--fail-under" in in_bash("grade regrade --f", tmp_path)
     assert in_bash("grade completion f", tmp_path) == {"fish"}
+    assert in_bash("grade export results --to mo", tmp_path) == {"moodle"}
     (tmp_path / "submissions").mkdir()
     assert in_bash("grade open subm", tmp_path) == {"submissions"}
     assert in_bash("grade subm", tmp_path) == set()

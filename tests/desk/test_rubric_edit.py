@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import shlex
 from decimal import Decimal
 from pathlib import Path
 
@@ -106,6 +107,12 @@ def test_a_rubric_that_cannot_be_used_is_not_saved(rubric: Rubric, made: Path) -
     assert not (made / EDITED_RUBRIC).exists()
 
 
+def require_command(command: str, results: Path) -> None:
+    """Fail unless a command applies the edited rubric, after a question, with mails."""
+    words = ["grade", "regrade", str(results), "--rubric", str(results / EDITED_RUBRIC)]
+    assert shlex.split(command) == [*words, "--ask", "--mail"]
+
+
 def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
     """A preview changes nothing; after saving, `grade regrade --rubric` gives the same points."""
     before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
@@ -121,7 +128,9 @@ def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
         assert (row["difference"], row["parts"]) == ("+2", ["Mean error at Ctrl-C +2"])
         assert {path: path.read_bytes() for path in made.rglob("*") if path.is_file()} == before
         status, body, _ = desk.ask("POST", "rubric/save", moved)
-        assert (status, json.loads(body)["saved"]) == (200, str(made / EDITED_RUBRIC))
+        plain = json.loads(body)
+        assert (status, plain["saved"]) == (200, str(made / EDITED_RUBRIC))
+        require_command(plain["command"], made)
     finally:
         desk.kill()
     console = Console(record=True, width=200)

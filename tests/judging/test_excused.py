@@ -72,6 +72,7 @@ def test_where_the_earlier_check_took_points_this_one_takes_none(
     assert (
         "This mistake is charged under 'In metres', and not again here." in findings["size"].reason
     )
+    assert findings["size"].charged_by == ("scale",)
 
 
 def test_where_the_earlier_check_took_none_this_one_does(tmp_path: Path) -> None:
@@ -106,6 +107,7 @@ def test_a_mistake_is_charged_at_its_dearest_check(
         f"This mistake is charged under '{title}', and not again here."
     )
     assert findings[excused].decided_by == "excused"
+    assert (findings[excused].charged_by, findings[charged].charged_by) == ((charged,), ())
 
 
 def test_what_alone_is_wrong_is_charged_where_it_is(tmp_path: Path) -> None:

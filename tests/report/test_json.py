@@ -108,6 +108,7 @@ def test_the_contract() -> None:
         "counted",
         "session",
         "credit",
+        "charged_by",
         "commands",
     }
     assert check["outcome"] == "partial"

@@ -226,6 +226,21 @@ def test_cards_of_one_mistake_are_one_card() -> None:
     assert re.findall(r'<details class="check (\w+)"', html) == ["partial", "excused"]
 
 
+def test_the_card_with_the_charge_names_the_checks_that_it_spares() -> None:
+    """An excused check links to the charge, and the charge links to it, also from a folded card of the same mistake."""
+    again = dataclasses.replace(CHECKS[1], id="a.same", title="Title of a.same")
+    spared = check("a.spared", Outcome.EXCUSED, "6", reason="It stopped, too.")
+    for charging in ("a.half", "a.same"):
+        excused = dataclasses.replace(spared, charged_by=(charging,))
+        html = page_of(result_of([CHECKS[1], again, excused]))
+        fix = html[html.index('<section class="fix"') : html.index("<main>")]
+        words = "Charged here alone. The same mistake costs nothing in: Title of a.spared"
+        assert words in text_of(fix)
+        assert '<a href="#check-a.spared">' in fix
+        assert f"Charged once, under Title of {charging}" in text_of(html)
+    assert "Charged here alone" not in text_of(page_of())
+
+
 def test_a_whole_file_is_marked_at_its_proof() -> None:
     """The excerpt links to the line; the mark names the check and its loss, and the whole file is there."""
     html = page_of()

@@ -307,13 +307,18 @@
     byId("loading").hidden = true;
     inner.addEventListener("keydown", typed);
   });
-  byId("note").addEventListener("click", function () {
-    ask("pasted", { text: byId("pasted").value }).then(function (plain) {
+  function note(text) {
+    ask("pasted", { text: text }).then(function (plain) {
       show(plain);
       byId("pasted").value = "";
       byId("pasting").open = false;
       open(visible().filter(function (i) { return i.kind === "appeal" && i.name === plain.pasted.name && i.part.id === plain.pasted.id; })[0] || current);
     }, function () {});
+  }
+  byId("note").addEventListener("click", function () { note(byId("pasted").value); });
+  // A question that is pasted outside of a field is noted at once.
+  document.addEventListener("paste", function (event) {
+    if (!/^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName) && !byId("preview").open) { note(event.clipboardData.getData("text/plain")); }
   });
   byId("filters").addEventListener("input", list);
   byId("filters").addEventListener("submit", function (event) { event.preventDefault(); });

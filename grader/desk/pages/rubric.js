@@ -53,6 +53,16 @@
     }, function () { byId("said").textContent = ""; });
   });
   byId("save").addEventListener("click", function () {
-    ask("rubric/save", moved()).then(function (plain) { byId("said").textContent = "Saved as " + plain.saved + "; “grade regrade --rubric” applies it."; }, function () {});
+    ask("rubric/save", moved()).then(function (plain) {
+      byId("said").textContent = "Saved as " + plain.saved;
+      byId("command").textContent = plain.command;
+      byId("applying").hidden = false;
+      copy();
+    }, function () {});
   });
+  // A browser that refuses the clipboard still shows the command.
+  function copy() {
+    navigator.clipboard.writeText(byId("command").textContent).then(function () { byId("said").textContent += " The command is copied."; }, function () {});
+  }
+  byId("copy").addEventListener("click", copy);
 })();

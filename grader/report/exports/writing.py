@@ -10,6 +10,7 @@ from pathlib import Path
 
 from grader.errors import UsageError
 from grader.files import replace_file
+from grader.lab.yaml_with_lines import meant
 from grader.report.exports import CLASS_EXPORTS, EXPORTS, Forms, render_export
 from grader.report.exports.returned import Returned
 from grader.result import Result
@@ -34,7 +35,10 @@ class ExportTarget:
         """Read `NAME` or `NAME=FILE`; raises ValueError if the forms have no such export."""
         name, _, file = text.partition("=")
         if name not in forms:
-            raise ValueError(f"there is no export {name!r}; there are {', '.join(forms)}")
+            near = meant(name, list(forms))
+            if not near:
+                near = f"; there are {', '.join(forms)}"
+            raise ValueError(f"there is no export {name!r}{near}")
         if file.startswith(_DEVICES):
             raise ValueError(
                 f"{file} cannot be replaced by a file; {STANDARD_OUTPUT} is the standard output"
