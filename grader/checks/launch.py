@@ -16,6 +16,7 @@ from grader.checks.base import (
     credit_of,
     describe_diagnosis,
     excused,
+    excused_part,
     failed,
     graded,
     inconclusive,
