@@ -241,8 +241,8 @@ class CheckResult:
     commands: tuple[str, ...] = ()
     #: Id of the failed check that kept this one from being tested.
     blocked_by: str | None = None
-    #: Ids of the checks that charge a mistake which costs nothing here.
-    charged_by: tuple[str, ...] = ()
+    #: Ids of the checks that charge a mistake which costs nothing here; None without such a mistake.
+    charged_by: tuple[str, ...] | None = None
     #: A reported claim that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
     #: Name of the rule that decided; None in results of earlier versions.
@@ -256,7 +256,7 @@ class CheckResult:
         """Return a finding with `known` values added: the check's id, title and session, and its points."""
         judged = {field.name for field in fields(cls)}
         found = {name: value for name, value in vars(finding).items() if name in judged}
-        return cls(**found, **known)
+        return cls(**{**found, **known})
 
     @property
     def try_again(self) -> str:

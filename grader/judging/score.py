@@ -28,6 +28,7 @@ def score_check(spec: CheckSpec, finding: Finding, commands: tuple[str, ...] = (
         title=spec.title,
         session=spec.session,
         commands=commands,
+        charged_by=finding.charged_by or None,
         endangers=endangers,
         earned=earned,
         possible=spec.points,

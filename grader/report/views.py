@@ -203,7 +203,7 @@ def _spared_by(charging: Sequence[CheckResult], result: Result) -> list[CheckRes
         ids.add(check.id)
     found = []
     for check in result.checks:
-        if not ids.isdisjoint(check.charged_by):
+        if not ids.isdisjoint(check.charged_by or ()):
             found.append(check)
     return found
 

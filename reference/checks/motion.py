@@ -125,6 +125,9 @@ def _unsafe(context: Context, p: MessageValues) -> Finding | None:
     finding = context.finding(p.unsafe_by)
     if finding is None:
         return None
+    # A motion that was recorded in part is neither safe nor unsafe.
+    if finding.decided_by == "left_out":
+        return None
     if finding.outcome is Outcome.FAILED:
         return finding
     return None

@@ -60,15 +60,19 @@ def test_a_check_with_other_points(judged: dict[str, Any]) -> None:
     assert (changes.submission, changes.before, changes.after) == (
         judged["submission"],
         Decimal(100),
-        Decimal("97.5"),
+        Decimal("98.0"),
     )
     criterion, check = changes.parts
     assert (criterion.id, criterion.before, criterion.after) == (
         "publisher",
         Decimal(20),
-        Decimal("17.5"),
+        Decimal("18.0"),
     )
-    assert (check.id, check.before, check.after) == ("publisher.rate", Decimal(7), Decimal("4.5"))
+    assert (check.id, check.before, check.after) == (
+        "publisher.rate",
+        Decimal("6.5"),
+        Decimal("4.5"),
+    )
     assert check.outcomes == (Outcome.PASSED, Outcome.PARTIAL)
     assert changes.difference == criterion.difference == check.difference == Decimal("-2.5")
     assert changes.words
@@ -94,7 +98,7 @@ def test_undecided_points_matter(judged: dict[str, Any]) -> None:
 
 def test_words_alone_do_not_matter(judged: dict[str, Any]) -> None:
     """Another reason is told apart from other points, and another rubric's hash is no difference at all."""
-    reworded = with_check(judged, "publisher.rate", 7, "passed", reason="other words")
+    reworded = with_check(judged, "publisher.rate", 6.5, "passed", reason="other words")
     changes = compared(judged, reworded)
     assert (changes.matters, changes.words) == (False, True)
     elsewhere = copy.deepcopy(judged) | {
@@ -135,7 +139,7 @@ def test_checks_that_came_and_went(judged: dict[str, Any]) -> None:
     assert (check.id, check.before, check.after, check.outcomes[0]) == (
         "publisher.rate",
         None,
-        Decimal(7),
+        Decimal("6.5"),
         None,
     )
     assert {(c.before is None, c.after is None) for c in others} == {(True, False), (False, True)}
@@ -181,9 +185,9 @@ def test_the_trail_says_what_was_and_is(judged: dict[str, Any]) -> None:
     """Each change is a pair of old and new, in plain numbers."""
     plain = plain_changes(compared(judged, with_check(judged, "publisher.rate", 4.5, "partial")))
     assert plain == {
-        "final": [100, 97.5],
+        "final": [100, 98],
         "undecided": [0, 0],
-        "criteria": {"publisher": [20, 17.5]},
-        "checks": {"publisher.rate": {"outcome": ["passed", "partial"], "points": [7, 4.5]}},
+        "criteria": {"publisher": [20, 18]},
+        "checks": {"publisher.rate": {"outcome": ["passed", "partial"], "points": [6.5, 4.5]}},
         "adjustments": [],
     }

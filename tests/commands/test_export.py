@@ -111,7 +111,7 @@ def test_what_is_no_result_does_not_keep_others_from_their_forms(
     ("arguments", "said"),
     [
         ([], "name a form with --to"),
-        (["--to", "junitt"], "there is no export 'junitt'; there are github-summary"),
+        (["--to", "junitt"], "there is no export 'junitt'; did you mean 'junit'?"),
         (["--to", "junit=/dev/stdout"], "- is the standard output"),
         (["--to", "junit", "-o", "/dev/fd/1"], "- is the standard output"),
         (["--to", "junit=a", "-o", "b"], "-o needs a single"),
