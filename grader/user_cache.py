@@ -56,9 +56,13 @@ def recalled(kind: str, key: object) -> object | None:
 
 
 def keep(kind: str, key: object, value: object) -> None:
-    """Put a value into the cache, if the cache can be written."""
+    """Put a value into the cache, if the cache can be written.
+
+    A value of a class that no module names, such as one made by a function, cannot be kept.
+    """
     path = _path(kind, key)
-    with suppress(OSError):
+    # Which of the last three is raised depends on the value.
+    with suppress(OSError, pickle.PicklingError, AttributeError, TypeError):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, pickle.dumps(value, pickle.HIGHEST_PROTOCOL))
         _shorten(path.parent)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from grader import user_cache
-from grader.user_cache import computed
+from grader.user_cache import computed, recalled
 
 
 @pytest.fixture(autouse=True)
@@ -57,3 +57,13 @@ def test_the_oldest_values_make_room(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for number in range(5):
         computed("numbers", number, str)
     assert len(list((tmp_path / "grade/numbers").iterdir())) == 3
+
+
+def test_a_value_of_a_class_without_a_name_is_not_kept() -> None:
+    """It is computed each time, and nothing fails."""
+
+    class Inner:
+        """A class that no module names."""
+
+    assert isinstance(computed("kind", "key", Inner), Inner)
+    assert recalled("kind", "key") is None

@@ -74,7 +74,7 @@ def test_a_check_with_other_points(judged: dict[str, Any]) -> None:
         Decimal("4.5"),
     )
     assert check.outcomes == (Outcome.PASSED, Outcome.PARTIAL)
-    assert changes.difference == criterion.difference == check.difference == Decimal("-2.5")
+    assert changes.difference == criterion.difference == check.difference == Decimal("-2.0")
     assert changes.words
 
 
