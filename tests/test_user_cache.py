@@ -60,10 +60,10 @@ def test_the_oldest_values_make_room(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_a_value_of_a_class_without_a_name_is_not_kept() -> None:
-    """It is computed each time, and nothing fails."""
+    """Nothing fails, and the value is computed each time."""
 
     class Inner:
-        """A class that no module names."""
+        """A class without a name in a module."""
 
     assert isinstance(computed("kind", "key", Inner), Inner)
     assert recalled("kind", "key") is None
