@@ -230,11 +230,14 @@ class Language:
             yield Translated(template.filled(texts), left)
 
     def _matches(self, text: str) -> Iterator[tuple[Template, list[str]]]:
-        """Yield the templates that match, those with the most letters first, with the inserted values."""
+        """Yield the templates that match, with the inserted values.
+
+        Those with the most letters come first; among equals, those that begin with a text of their own.
+        """
         possible: list[Template] = list(self._templates.get("", ()))
-        for word in set(_WORD.findall(text)):
+        for word in dict.fromkeys(_WORD.findall(text)):
             possible += self._templates.get(word, ())
-        possible.sort(key=lambda template: -template.weight)
+        possible.sort(key=_first_tried)
         count = 0
         for template in possible:
             values = template.values_in(text)
@@ -399,6 +402,11 @@ class Language:
         if self.decimal == ".":
             return text
         return _DECIMAL.sub(rf"\g<1>{self.decimal}\g<2>", text)
+
+
+def _first_tried(template: Template) -> tuple[int, bool]:
+    """Return the key that sorts templates by the order in which they are tried."""
+    return -template.weight, not template.literals[0]
 
 
 def _lower(text: str) -> str:

@@ -179,3 +179,13 @@ def test_a_catalogue_is_read_as_babel_reads_it() -> None:
     with path.open("rb") as file:
         known = {(m.id, m.string) for m in read_po(file) if m.id}
     assert {(m.english, m.translation) for m in read_catalogues([path])} == known
+
+
+def test_a_template_that_begins_with_its_own_text_is_tried_first() -> None:
+    """Of two templates with equally many letters it names more of the text: `Link to:` rather than `checks`."""
+    messages = [
+        Message("{0} checks", "{0} Prüfungen", ()),
+        Message("Link to: {0}", "Link zu: {0}", ()),
+        Message("All checks", "Alle Prüfungen", ()),
+    ]
+    assert Language("de", messages).text("Link to: All checks") == "Link zu: Alle Prüfungen"

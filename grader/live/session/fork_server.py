@@ -20,7 +20,6 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
 
 from confine.limits import lift
 from confine.namespaces import (
@@ -33,13 +32,7 @@ from confine.namespaces import (
 from confine.priority import put_self_first
 from grader.live.process.cpu_watch import watching_program
 from grader.live.process.forked import Program, become
-from grader.live.process.forking import (
-    ForkedServer,
-    ForkingServer,
-    Server,
-    may_fork_as,
-    serve,
-)
+from grader.live.process.forking import ForkingServer, serve
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.session.plan import SessionPlan
 from grader.live.session.warming import build_models, import_for
@@ -76,14 +69,6 @@ class ForkServer(ForkingServer):
     def __init__(self, likely: Collection[str | Path] = ()) -> None:
         super().__init__(__name__, [], trusted_environment(Path("/"), 0))
         self.likely = likely
-
-    def _start(self, link: socket.socket) -> Server:
-        # A fork takes the imports of the command with it, and so saves two fifths of the start of a server.
-        environment = trusted_environment(Path("/"), 0)
-        if not may_fork_as(environment):
-            return super()._start(link)
-        serving = partial(_serve_sandboxes, link.fileno())
-        return ForkedServer(Program("fork server", serving, environment, kept=[link.fileno()]))
 
     def request(self, form: Form, plan: Path | None = None) -> bytes:
         """Return the message that asks for the session of a plan, or for a branch."""
@@ -226,10 +211,6 @@ def _serve_branch() -> None:
 
 def main() -> None:
     """Serve the requests on the socket with the number in argv[1]."""
-    _serve_sandboxes(int(sys.argv[1]))
-
-
-def _serve_sandboxes(descriptor: int) -> NoReturn:
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     put_self_first()
     # Sandboxes have memory limits of their own, instead of the grader's.
@@ -238,7 +219,7 @@ def _serve_sandboxes(descriptor: int) -> NoReturn:
     for module in _WITHOUT_ROS:
         importlib.import_module(module)
     build_models()
-    with socket.socket(fileno=descriptor) as link:
+    with socket.socket(fileno=int(sys.argv[1])) as link:
         serve(link, _program_of)
         _end_watch()
     os._exit(0)  # Skips the cleanup of a process with ROS, which takes 26 ms.
