@@ -182,7 +182,7 @@ def test_a_catalogue_is_read_as_babel_reads_it() -> None:
 
 
 def test_a_template_that_begins_with_its_own_text_is_tried_first() -> None:
-    """Of two templates with equally many letters it names more of the text: `Link to:` rather than `checks`."""
+    """Both templates here have six letters: `Link to:` wins over `checks`."""
     messages = [
         Message("{0} checks", "{0} Prüfungen", ()),
         Message("Link to: {0}", "Link zu: {0}", ()),

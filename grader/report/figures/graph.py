@@ -28,7 +28,10 @@ from grader.report.figures.svg import (
 from ros_bag.qos import Qos
 
 _MOST_ENDPOINTS = 16
-_HEIGHT = 260
+_HEIGHT = 208
+#: Height of a line of words above the calls, and the number of such lines, because near words would overlap.
+_WORDS_HEIGHT = 14
+_MOST_HEIGHTS = 4
 #: Style class of the marks of accepted calls.
 _ACCEPTED = "call-accepted"
 
@@ -187,19 +190,21 @@ class _CallChart:
             scale, unit = 1.0, "s"
         x = padded([call.start_s for call in self.calls], 0.04, 0.02)
         y = Range(0, self.slowest_s * 1.15 or 1e-3)
-        frame = canvas.frame(_HEIGHT, x, y, top=52)
+        heights = min(len(self.parameters), _MOST_HEIGHTS)
+        above = 24 + _WORDS_HEIGHT * heights
+        frame = canvas.frame(_HEIGHT + above, x, y, top=above)
         frame.y_axis(4, scale)
         canvas.text(4, 16, f"time until the answer, {unit}", "start", "label")
-        self._paint_parameters(frame)
+        self._paint_parameters(frame, heights)
         self._paint_calls(frame)
         frame.x_axis(SINCE)
 
-    def _paint_parameters(self, frame: Frame) -> None:
-        """Draw a line for each time when parameters were set; their words alternate between two heights."""
+    def _paint_parameters(self, frame: Frame, heights: int) -> None:
+        """Draw a line for each time when parameters were set, with its words at one of several heights by turns."""
         canvas = frame.canvas
         for n, parameters in enumerate(self.parameters):
             x = frame.px(parameters.at_s)
-            top = frame.top - 6 - 14 * (n % 2)
+            top = frame.top - 6 - _WORDS_HEIGHT * (n % heights)
             canvas.vertical(x, top, frame.bottom, "mark")
             words = line(parameters.words, 30)
             if x > canvas.width * 0.6:
