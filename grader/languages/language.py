@@ -232,7 +232,7 @@ class Language:
     def _matches(self, text: str) -> Iterator[tuple[Template, list[str]]]:
         """Yield the templates that match, with the inserted values.
 
-        Those with the most letters come first; among equals, those that begin with a text of their own.
+        The order is by letters, most first, and then by whether a template begins with its own text.
         """
         possible: list[Template] = list(self._templates.get("", ()))
         for word in dict.fromkeys(_WORD.findall(text)):
@@ -405,7 +405,7 @@ class Language:
 
 
 def _first_tried(template: Template) -> tuple[int, bool]:
-    """Return the key that sorts templates by the order in which they are tried."""
+    """Return the sorting key of a template."""
     return -template.weight, not template.literals[0]
 
 
