@@ -247,7 +247,9 @@ def test_the_example_of_an_oracle_gives_what_it_says() -> None:
     assert [(span["start_ns"], span["value"]) for span in found] == [(10, 3.0), (20, 4.0)]
 
 
-@pytest.mark.parametrize("picture", ["report.png", "report-dark.png", "report-de.png", "report-es.png"])
+@pytest.mark.parametrize(
+    "picture", ["report.png", "report-dark.png", "report-de.png", "report-es.png"]
+)
 def test_the_pictured_report_has_the_points_of_the_first_run(picture: str) -> None:
     """The points that `tools/site-pictures` notes in a picture stand in start.md too."""
     shown = re.search(r"^ +alice: .* ([\d.]+) / 100$", (ROOT / "docs/start.md").read_text(), re.M)

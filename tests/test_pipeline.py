@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from decimal import Decimal
 from functools import partial
 from pathlib import Path
 
@@ -112,7 +113,7 @@ def test_another_rubric_changes_the_points(results: Path) -> None:
     mended = results.parent / "mended.yaml"
     mended.write_text(text, encoding="utf-8")
     after = regraded(results, mended)
-    assert before.score.earned - after.score.earned == 7
+    assert before.score.earned - after.score.earned == Decimal("6.5")
     assert before.provenance["rubric_sha256"] != after.provenance["rubric_sha256"]
     kept = (results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).read_text(
         encoding="utf-8"

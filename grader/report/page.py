@@ -26,8 +26,8 @@ from grader.report.figures.svg import HALF, NARROW, WIDE, duration
 from grader.report.page_languages import with_languages
 
 _FOLDER = Path(__file__).parent / "templates"
-#: Blanks in a style sheet that mean nothing: around brackets and semicolons, and after colons and commas.
-_BLANKS = re.compile(r"\s*([{};])\s*|([:,])\s+")
+#: Single blanks in a style sheet that mean nothing: around brackets and semicolons, and after colons and commas.
+_BLANKS = re.compile(r" ?([{};]) ?|([:,]) ")
 
 
 def render_page(
@@ -127,7 +127,7 @@ def _read(name: str) -> str:
         if not code.startswith("//"):
             kept += f"{code}\n"
     if name.endswith(".css"):
-        return _BLANKS.sub(r"\1\2", kept).replace(";}", "}")
+        return _BLANKS.sub(r"\1\2", " ".join(kept.split())).replace(";}", "}")
     return kept
 
 

@@ -66,8 +66,8 @@ class Visit:
     requests: list[str] = field(default_factory=list)
     complaints: list[str] = field(default_factory=list)
 
-    def axe(self) -> list[str]:
-        """Give axe-core's findings, a line each."""
+    def axe(self, *, grave: bool = False) -> list[str]:
+        """Give axe-core's findings, a line each; the serious and critical ones alone if `grave`."""
         script = importlib.resources.files("axe_playwright_python") / "axe.min.js"
         self.page.evaluate(script.read_text(encoding="utf-8"))
         found: dict[str, Any] = self.page.evaluate(
@@ -75,6 +75,8 @@ class Visit:
         )
         made = []
         for v in found["violations"]:
+            if grave and v["impact"] not in ("serious", "critical"):
+                continue
             node = v["nodes"][0]
             made.append(f"{v['id']}: {v['help']}: {node['target']} {node['failureSummary']}")
         return made

@@ -54,7 +54,8 @@ def test_nothing_keeps_anyone_from_using_it(
     """axe-core has no serious or critical finding: text, code, tables of people and of the models."""
     size, dark = screen
     with visit(chromium, site / f"{name}.html", size, dark=dark) as seen:
-        assert seen.axe() == []
+        # The theme's own navigation has two landmarks of one name.
+        assert seen.axe(grave=True) == []
 
 
 class _Names(HTMLParser):

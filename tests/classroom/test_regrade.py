@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 from datetime import UTC, datetime
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +131,7 @@ def test_a_look_writes_nothing(results: Path, stricter: Path) -> None:
     found = rejudge(results, stricter, None, pages=False)
     assert files(results) == before
     assert {name: changes.difference for name, changes in found.changes.items()} == dict.fromkeys(
-        NAMES, -7
+        NAMES, Decimal("-6.5")
     )
     assert found.failed == {}
 
@@ -189,7 +190,7 @@ def test_each_is_judged_by_its_own_rubric(results: Path, stricter: Path) -> None
     found = rejudge(results, None, None, pages=False)
     assert {name: changes.difference for name, changes in found.changes.items()} == {
         "alice": 0,
-        "bob": -7,
+        "bob": Decimal("-6.5"),
     }
 
 
@@ -335,8 +336,8 @@ def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -
         assert (results / line["kept"]).read_bytes() == old[name]
         new = (results / name / result_folder.RESULT_FILE).read_bytes()
         assert line["result_sha256"] == [sha256(old[name]), sha256(new)]
-        assert line["final"][0] - line["final"][1] == 7
-        assert line["checks"]["publisher.rate"]["points"] == [7, 0]
+        assert line["final"][0] - line["final"][1] == 6.5
+        assert line["checks"]["publisher.rate"]["points"] == [6.5, 0]
         require_cause(line, stricter, before)
 
 

@@ -93,8 +93,8 @@ def test_a_class_is_only_looked_at(
             before[p] = p.read_bytes()
     status, output, errors = run(capsys, results, "--rubric", stricter)
     assert (status, errors) == (1, "")
-    assert "ann 15.5 → 8.5 −7" in output
-    assert "Commands arrive at 100 Hz passed → failed 7 → 0 −7" in output
+    assert "ann 16 → 9.5 −6.5" in output
+    assert "Commands arrive at 100 Hz passed → failed 6.5 → 0 −6.5" in output
     assert "No result is written yet; --apply writes them." in output
     assert "bob,total" in (results / CHANGES_FILE).read_text(encoding="utf-8-sig")
     assert {p: p.read_bytes() for p in before} == before
@@ -116,11 +116,11 @@ def test_applying_writes_and_notes(
     status, output, _ = run(capsys, results, "--rubric", stricter, "--apply", "-j", "1")
     assert status == 0
     assert "The results are written." in output
-    assert [points(results / name) for name in ("ann", "bob")] == [8.5, 8.5]
+    assert [points(results / name) for name in ("ann", "bob")] == [9.5, 9.5]
     lines = [json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines()]
     assert [(line["submission"], line["final"]) for line in lines] == [
-        ("ann", [15.5, 8.5]),
-        ("bob", [15.5, 8.5]),
+        ("ann", [16, 9.5]),
+        ("bob", [16, 9.5]),
     ]
     for line in lines:
         assert line["at"].endswith("+00:00")
@@ -137,10 +137,10 @@ def test_the_class_page_follows(
     assert run(capsys, results, "--apply")[0] == 0
     assert (results / "index.html").read_text() == "old"
     assert run(capsys, results, "--rubric", SHIPPED, "--apply")[0] == 0
-    assert "15.5" in (results / "index.html").read_text()
+    assert "16" in (results / "index.html").read_text()
 
 
-@pytest.mark.parametrize(("answer", "final"), [("y", 8.5), ("n", 15.5), ("", 15.5)])
+@pytest.mark.parametrize(("answer", "final"), [("y", 9.5), ("n", 16), ("", 16)])
 def test_a_change_is_shown_applied_and_reported_in_one(
     answer: str,
     final: float,
@@ -170,12 +170,12 @@ def test_a_change_is_shown_applied_and_reported_in_one(
 
 def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """--fail-under compares final points, decisions included."""
-    assert run(capsys, results, "--fail-under", "15.5")[0] == 0
-    assert run(capsys, results, "--fail-under", "15.6")[0] == 1
+    assert run(capsys, results, "--fail-under", "16")[0] == 0
+    assert run(capsys, results, "--fail-under", "16.1")[0] == 1
     (results / "overrides.yaml").write_text(
         f"overrides:\n  - {{submission: '*', bonus: 0.1, {WHY}}}\n"
     )
-    assert run(capsys, results, "--fail-under", "15.6", "--apply")[0] == 0
+    assert run(capsys, results, "--fail-under", "16.1", "--apply")[0] == 0
 
 
 def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -237,11 +237,11 @@ def test_a_single_submission_is_written_at_once(
     """
     status, output, _ = run(capsys, results / "ann", "--rubric", stricter)
     assert status == 0
-    assert "ann 15.5 → 8.5 −7" in output
-    assert [points(results / name) for name in ("ann", "bob")] == [8.5, 15.5]
+    assert "ann 16 → 9.5 −6.5" in output
+    assert [points(results / name) for name in ("ann", "bob")] == [9.5, 16]
     (line,) = (json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines())
-    assert (line["submission"], line["final"]) == ("ann", [15.5, 8.5])
-    assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 15.5
+    assert (line["submission"], line["final"]) == ("ann", [16, 9.5])
+    assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 16
 
 
 def test_a_single_submission_without_changes_leaves_no_trace(
@@ -250,7 +250,7 @@ def test_a_single_submission_without_changes_leaves_no_trace(
     """Judged again to the same, there is nothing to note."""
     status, output, _ = run(capsys, results / "ann")
     assert status == 0
-    assert "→ 15.5" not in output
+    assert "→ 16" not in output
     assert not (results / AUDIT_FILE).exists()
 
 
@@ -272,7 +272,7 @@ def test_another_file_of_decisions(
     """--overrides names another file."""
     (tmp_path / "mine.yaml").write_text(f"overrides:\n  - {{submission: ann, bonus: 1, {WHY}}}\n")
     run(capsys, results / "ann", "--overrides", tmp_path / "mine.yaml")
-    assert points(results / "ann") == 16.5
+    assert points(results / "ann") == 17
 
 
 @pytest.mark.parametrize("option", [["--apply"], ["-j", "2"], ["--ask"], ["--mail", "--apply"]])

@@ -67,17 +67,15 @@ def test_page_and_table_are_written_and_reported(
     """The command prints the number of results and the files; the table has all points."""
     status, output, _ = run(capsys, results)
     assert status == 0
-    assert (
-        output.splitlines()[0] == "3 submissions, 3 graded, median 21.5 of 100; 0 need attention."
-    )
+    assert output.splitlines()[0] == "3 submissions, 3 graded, median 22 of 100; 0 need attention."
     assert output.splitlines()[1:] == [
         f"Class: {results / 'index.html'}",
         f"Grades: {results / 'grades.csv'}",
     ]
     assert {name: row["total"] for name, row in grades(results).items()} == {
-        "best_effort_publisher": "21.5",
+        "best_effort_publisher": "22",
         "solution": "100",
-        "wrong_topic": "15.5",
+        "wrong_topic": "16",
     }
     page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
     assert 'href="wrong_topic/report.html"' in page
@@ -135,7 +133,7 @@ def test_a_list_adds_ids_and_who_is_missing(
     roster = tmp_path / "class.csv"
     roster.write_text("name,student_id\nsolution,007\nnobody,8\n", encoding="utf-8")
     _, output, _ = run(capsys, results, "--class-list", roster)
-    assert output.startswith("4 submissions, 3 graded, median 21.5 of 100; 1 needs attention.")
+    assert output.startswith("4 submissions, 3 graded, median 22 of 100; 1 needs attention.")
     table = grades(results)
     assert (
         table["solution"]["student_id"],
