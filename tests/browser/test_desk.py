@@ -18,6 +18,7 @@ from grader.result import load_result
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from tests.browser.chromium import Visit, browser, visit
 from tests.desk.made_class import Served, add_alike, serve
+from tests.live.small_lab import until
 from tests.report.untrusted_texts import FRAGMENTS
 from tests.thorough import part
 
@@ -257,6 +258,9 @@ def test_students_texts_stay_texts(chromium: Browser, tmp_path: Path) -> None:
             == 0
         )
         assert (seen.page.title(), seen.complaints) == ("Review desk", [])
+        # The desk writes the report again in the background, because an appeal is new.
+        written = results / "eve" / "report.html"
+        until(lambda: "owned" in written.read_text(encoding="utf-8"), 60)
         report = opened(chromium, desk, "report?name=eve")
         expect(report.page.locator(".reason").first).to_contain_text(
             "<script>document.title='owned'</script>"
