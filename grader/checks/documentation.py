@@ -336,9 +336,9 @@ def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -
         seen = "names no part of the work by a name known to the grader"
         notes.append(_for_a_person(texts[0][0], 1, seen))
     absent = _absent_files(texts, p, own, names_all=len(found) == len(parts))
-    if absent:
-        # Commands that all start absent files are no instruction.
-        run = "" if _command_of_other_work(texts, p, own) else run
+    if absent and _command_of_other_work(texts, p, own):
+        # Commands for absent files alone are no instruction.
+        run = ""
     return _ReadmeFacts(run, parts, found, hollow, notes, absent=absent)
 
 
