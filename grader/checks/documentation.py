@@ -336,9 +336,10 @@ def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -
         seen = "names no part of the work by a name known to the grader"
         notes.append(_for_a_person(texts[0][0], 1, seen))
     absent = _absent_files(texts, p, own, names_all=len(found) == len(parts))
-    if absent and _command_of_other_work(texts, p, own):
+    if absent:
         # Commands for absent files alone are no instruction.
-        run = ""
+        if _command_of_other_work(texts, p, own):
+            run = ""
     return _ReadmeFacts(run, parts, found, hollow, notes, absent=absent)
 
 
