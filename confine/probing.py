@@ -31,7 +31,8 @@ from confine.scratch import scratch_prefix
 #: Makes a room for an interpreter in a folder, with /tmp among its areas.
 MakeRoom = Callable[[Path, Path], Room]
 
-_PROBE_BYTES = 96 * 1024 * 1024
+#: An interpreter needs a third of it.
+_PROBE_BYTES = 32 * 1024 * 1024
 _TIMEOUT_S = 30.0
 #: The programs need the standard library alone; each look for installed packages takes some 40 ms.
 _BARE = ("-I", "-S")
