@@ -54,10 +54,8 @@ class Director:
         domain_id: int,
         reference_nodes: set[str],
         expected: set[str],
-        *,
-        publishes: bool = True,
     ) -> None:
-        self._probe = Probe(folder, name, domain_id, reference_nodes, expected, publishes=publishes)
+        self._probe = Probe(folder, name, domain_id, reference_nodes, expected)
         self._problems: list[str] = []
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
 

@@ -57,9 +57,6 @@ class Probe:
         Full names of the grader's nodes. All other nodes are the student's.
     expected
         Names that the rubric uses. They are never taken for a misspelling of another name.
-    publishes
-        Whether it publishes on topics of the student, which the recorder may know with another type. One participant
-        cannot hold both types; the recorder then has a participant of its own.
     """
 
     def __init__(
@@ -69,8 +66,6 @@ class Probe:
         domain_id: int,
         reference_nodes: set[str],
         expected: set[str],
-        *,
-        publishes: bool = True,
     ) -> None:
         self.domain_id = domain_id
         self.reference_nodes = reference_nodes
@@ -84,7 +79,7 @@ class Probe:
             BagWriter(folder, name),
             domain_id,
             limit_bytes=self.limit_bytes,
-            context=None if publishes else self.node.context,
+            context=self.node.context,
         )
         self.watch = GraphWatch(self.node, self._on_change, {*expected, *STANDARD_TOPICS})
         #: Name in the rubric -> name that the student uses.

@@ -30,6 +30,9 @@ from launch_plan.exchange import PACKAGE
 
 #: Folder of the tap and of the settings of discovery, as seen in a student's sandbox.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
+#: Settings of Fast DDS for students' programs, and for the director and the reference nodes.
+DISCOVERY_FILE = INSIDE_FOLDER / "discovery.xml"
+TRUSTED_FILE = Path(__file__).parents[1] / "ros_node/trusted.xml"
 #: Folder of the program that evaluates launch files there.
 LAUNCHING_FOLDER = PACKAGE
 
@@ -103,7 +106,7 @@ def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
         "TMPDIR": str(home),
         "ROS_LOG_DIR": str(home / "log"),
         "ROS_DOMAIN_ID": str(domain_id),
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(INSIDE_FOLDER / "discovery.xml"),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(TRUSTED_FILE),
     }
 
 
@@ -131,7 +134,7 @@ def student_environment(
             "PYTHONPATH": ":".join([inside, *installation.modules]),
             # Behind the tap: a package of the submission can have the name of one of Python's modules.
             "GRADER_INSTALLED": f"{installed}/lib/{python_folder()}/site-packages",
-            installation.profiles: f"{inside}/discovery.xml",
+            installation.profiles: f"{inside}/{DISCOVERY_FILE.name}",
             "RCUTILS_COLORIZED_OUTPUT": "0",
         }
     )

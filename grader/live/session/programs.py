@@ -17,13 +17,12 @@ from confine.priority import MEASURED, STANDING
 from grader.lab.steps.base import Answer, Step, StepResult
 from grader.lab.steps.link import LinkResult, LinkStep
 from grader.lab.steps.observe import ObserveStep
-from grader.lab.steps.publish import PublishStep
 from grader.lab.steps.wait_exit import WaitExitStep
 from grader.lab.steps.wait_for import WaitForResult, WaitForStep
 from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.forked import Program, run_script
 from grader.live.process.process import RunningProcess
-from grader.live.sandbox.environment import trusted_environment
+from grader.live.sandbox.environment import DISCOVERY_FILE, trusted_environment
 from grader.live.sandbox.rtps_filter import rtps_filter
 from grader.live.session.director_client import DirectorClient
 from grader.live.session.launch_runner import LaunchRunner
@@ -109,7 +108,6 @@ class Programs:
     async def _start_director(self) -> None:
         plan = self.plan
         reference_nodes = self._reference_nodes()
-        publishes = self._publishes()
 
         def direct() -> None:
             # ROS is loaded in the director's process alone.
@@ -120,7 +118,6 @@ class Programs:
                 plan.domain_id,
                 reference_nodes,
                 set(plan.expected),
-                publishes=publishes,
             )
             director.serve()
 
@@ -129,13 +126,6 @@ class Programs:
         self.director = director
         await director.wait_ready()
         self._filter.protect(director.running.root_pid() or 0)
-
-    def _publishes(self) -> bool:
-        """Return whether a step of the session publishes."""
-        for _, step in self.plan.steps:
-            if isinstance(step, PublishStep):
-                return True
-        return False
 
     def _reference_nodes(self) -> set[str]:
         return {spec["node"] for spec in self.plan.reference.values()}
@@ -302,7 +292,9 @@ class Programs:
             self.record.names,
             self._linked.append,
         )
-        carrying = link.run(self.record.seed, self._environment())
+        # What arrives over the link depends on the time of acknowledgements.
+        environment = self._environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(DISCOVERY_FILE)}
+        carrying = link.run(self.record.seed, environment)
         self.links.append(asyncio.create_task(carrying))
         return Answer("done")
 

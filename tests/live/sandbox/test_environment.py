@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from grader.live.sandbox.environment import student_environment
+from grader.live.sandbox.environment import DISCOVERY_FILE, TRUSTED_FILE, student_environment
 from grader.live.sandbox.installation import wheels_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
@@ -33,3 +34,14 @@ def test_what_a_program_left_at_home_does_not_run_in_the_next(tmp_path: Path) ->
     Path(own, "left.pth").write_text("import os; os.write(1, b'it runs')\n")
     run = subprocess.run([python, "-c", "pass"], env=environment, capture_output=True, check=True)
     assert run.stdout == b""
+
+
+def test_the_grader_and_students_discover_each_other_alike() -> None:
+    """The grader's profiles add the acknowledgements of its readers alone."""
+    students, trusted = (
+        re.sub(r"<!--.*?-->", "", file.read_text(), flags=re.DOTALL)
+        for file in (DISCOVERY_FILE, TRUSTED_FILE)
+    )
+    without = re.sub(r" *<data_reader .*</data_reader>\n", "", trusted, flags=re.DOTALL)
+    assert without != trusted
+    assert without == students
