@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench import grading, processes, rates, recording, stability
+from bench import grading, outside, processes, rates, recording, stability
 from bench.load import cores
 
 _RESULTS = Path(__file__).with_name("results.md")
@@ -28,6 +28,8 @@ def report(runs: int, gradings: Path) -> str:
         table(["", "measured", "compared with", "ratio"], grading.rows(runs)),
         "CPU time of the processes of one full grading, and its ratio to the student's:",
         table(["process", "CPU time", "ratio"], processes.rows(runs)),
+        "CPU time of the student's programs in their sandboxes, and as plain programs beside the same nodes, by turns:",
+        table(["programs", "inside", "outside", "ratio"], outside.rows(runs)),
         "Highest rate of a topic without a lost message:",
         table(
             ["this recorder", "a callback that writes with `rosbags`", "ratio"], recording.rows()

@@ -20,7 +20,7 @@ _LONGEST_S = 60.0
 Words = Sequence[str]
 
 
-def _own_network() -> list[str]:
+def own_network() -> list[str]:
     """Return the start of a command line for a network of its own; empty if the system forbids it."""
     wrapper = ["unshare", "--net", "--map-root-user"]
     if not shutil.which("unshare"):
@@ -43,7 +43,7 @@ def run_together(receivers: Sequence[Words], publisher: Words) -> list[dict[str,
         environment = {**trusted_environment(Path(home), _DOMAIN), "PYTHONPATH": str(_ROOT)}
         run = subprocess.run(
             [
-                *_own_network(),
+                *own_network(),
                 sys.executable,
                 "-m",
                 "bench.together",
