@@ -90,7 +90,7 @@ class Language:
 
     def number(self, text: str) -> str:
         """Return a text with its numbers in this language's form: `98,4` for `98.4`."""
-        if self.decimal == ".":
+        if self.decimal == "." or "." not in text:
             return text
         return _DECIMAL.sub(rf"\g<1>{self.decimal}\g<2>", text)
 

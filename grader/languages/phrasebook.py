@@ -41,6 +41,7 @@ _UNITS = frozenset({"ms", "rad", "µs", "mm"})
 _LOWER = re.compile(r"[A-Z][a-z]")
 #: Signs between the parts of a list or a label and its text, the wider ones first.
 _SEPARATORS = ("; ", " · ", ". ", ": ", " (", ", ", " – ", " → ", " and ", " or ", " to ", " = ")
+_OF_LISTS = ("; ", " · ", ", ")
 _AROUND = (("(", ")"), ("“", "”"), ("‘", "’"), ("'", "'"))
 _OPENING = ("'", "‘", "“", "„", "«")
 _ENDS = ".:;,…?"
@@ -54,7 +55,7 @@ class _Match(NamedTuple):
     """
 
     number: int
-    values: tuple[str, ...]
+    values: list[str]
     is_strict: bool
 
 
@@ -95,7 +96,15 @@ class Phrasebook:
         self._by_word: dict[str, list[_Entry]] = defaultdict(list)
         self._matching: dict[str, tuple[_Match, ...]] = {}
         self._texts: dict[str, Found] = {}
-        self._ways = (
+        self._ways_of_word = (
+            self._by_strict_templates,
+            self._by_end,
+            self._by_templates,
+            self._without_around,
+            self._by_lower_case,
+            self._by_marks,
+        )
+        self._ways_of_words = (
             self._by_known_items,
             self._by_strict_templates,
             self._by_sentences,
@@ -115,6 +124,8 @@ class Phrasebook:
                 self.templates.append(template)
             else:
                 self.whole.add(template.literals[0])
+        #: Beginnings of the former up to and with a separator of lists.
+        self._with_separator = set(itertools.chain.from_iterable(map(_beginnings, self.whole)))
         self._index()
 
     def _index(self) -> None:
@@ -170,7 +181,11 @@ class Phrasebook:
     def _best(self, text: str, found: Found, work: _Work, depth: int) -> Found:
         """Return the parts that leave the fewest words English, or the text itself."""
         best = Found(found.parts, found.left + 1)
-        for way in self._ways:
+        ways = self._ways_of_words
+        # The other ways divide a text at its blanks.
+        if len(text.split(maxsplit=1)) == 1:
+            ways = self._ways_of_word
+        for way in ways:
             if best.left == 0:
                 break
             for other in way(text, work, depth + 1):
@@ -216,39 +231,47 @@ class Phrasebook:
         if left == 0 or template.weight >= _LEAST_WEIGHT:
             yield Found((Filled(match.number, tuple(values)),), left)
 
-    def _matches(self, text: str) -> tuple[_Match, ...]:
-        """Return the first templates that match a text, and remember them.
-
-        The order is by letters, most first, and then by whether a template begins with its own text.
-        """
+    def _matches(self, text: str, entries: list[_Entry] | None = None) -> tuple[_Match, ...]:
+        """Return the first templates that match a text, and remember them; they are among some entries, if given."""
         known = self._matching.get(text)
         if known is not None:
             return known
-        known = tuple(itertools.islice(self._matches_anew(text), _MOST_MATCHES))
+        if entries is None:
+            entries = self._beginning(text)
+        known = tuple(self._matches_among(entries, text))
         if len(text) <= _LONGEST_REMEMBERED:
             if len(self._matching) >= _MOST_REMEMBERED:
                 self._matching.clear()
             self._matching[text] = known
         return known
 
-    def _matches_anew(self, text: str) -> Iterator[_Match]:
-        """Yield the templates that match a text, with the inserted values."""
-        for number in self._possible(text):
-            template = self.templates[number]
+    def _matches_among(self, entries: Iterable[_Entry], text: str) -> Iterator[_Match]:
+        """Yield the first templates, among some, that match a text, with the inserted values."""
+        count = 0
+        for entry in entries:
+            if count == _MOST_MATCHES:
+                return
+            if not text.endswith(entry.last):
+                continue
+            template = self.templates[entry.number]
             values = template.values_in(text)
             # A value that is the whole text again would never come to an end.
             if values is not None and text not in values:
-                yield _Match(number, tuple(values), _is_strict(template, values))
+                count += 1
+                yield _Match(entry.number, values, _is_strict(template, values))
 
-    def _possible(self, text: str) -> list[int]:
-        """Return the numbers of the templates with a word, the beginning and the end of a text, in the order of trial."""
-        possible = []
+    def _beginning(self, text: str) -> list[_Entry]:
+        """Return the templates with the beginning and a word of a text.
+
+        The order is by letters, most first, and then by whether a template begins with its own text.
+        """
+        found = []
         for word in ("", *dict.fromkeys(_WORD.findall(text))):
             for entry in self._by_word.get(word, ()):
-                if text.startswith(entry.first) and text.endswith(entry.last):
-                    possible.append(entry)
-        possible.sort(key=_order)
-        return [entry.number for entry in possible]
+                if text.startswith(entry.first):
+                    found.append(entry)
+        found.sort(key=_order)
+        return found
 
     def _by_sentences(self, text: str, work: _Work, depth: int) -> Iterator[Found]:
         """Yield the translation of a text of sentences, the longest known rows of them first."""
@@ -328,13 +351,15 @@ class Phrasebook:
 
     def _by_list(self, text: str, work: _Work, depth: int) -> Iterator[Found]:
         """Yield the translation of a list, item by item; an item can hold the separator."""
-        for separator in ("; ", " · ", ", "):
+        for separator in _OF_LISTS:
             items = self._items(text, separator)
             if len(items) > 1:
                 yield self._joined(items, [separator] * (len(items) - 1), work, depth)
 
     def _items(self, text: str, separator: str) -> list[str]:
         """Return the items of a list; a known item can hold the separator."""
+        if separator not in text:
+            return [text]
         parts = text.split(separator)
         items = []
         while parts:
@@ -345,6 +370,9 @@ class Phrasebook:
 
     def _item_length(self, parts: list[str], separator: str) -> int:
         """Return the number of parts that are one known item; one without a known item."""
+        beginning = parts[0] + separator
+        if beginning not in self._with_separator and _lower(beginning) not in self._with_separator:
+            return 1
         for length in range(min(6, len(parts)), 1, -1):
             item = separator.join(parts[:length])
             if self._known_as_whole(item):
@@ -363,26 +391,21 @@ class Phrasebook:
 
     def _by_known_head(self, text: str, work: _Work, depth: int) -> Iterator[Found]:
         """Yield the translation of the longest known beginning up to a separator, and of the rest."""
-        ends: set[int] = set()
-        for separator in _SEPARATORS:
-            at = text.find(separator, 1)
-            while at > 0:
-                # The sign of the separator can belong to the beginning.
-                ends.update((at, at + 1))
-                at = text.find(separator, at + 1)
-        for end in reversed(sorted(ends)[:_MOST_HEADS]):
+        # A separator ends each word, so that the beginning has no template that the text does not begin with.
+        entries = self._beginning(text)
+        for end in reversed(_ends_of_heads(text)):
             head = text[:end].strip()
-            if self._is_message(head):
+            if self._is_message(head, entries):
                 first = self._phrase(text[:end], work, depth)
                 rest = self._phrase(text[end:], work, depth)
                 yield Found(first.parts + rest.parts, first.left + rest.left)
                 return
 
-    def _is_message(self, text: str) -> bool:
+    def _is_message(self, text: str, entries: list[_Entry] | None = None) -> bool:
         """Tell whether a text is one message, without the end of a sentence in its values."""
         if text in self.whole:
             return True
-        for match in self._matches(text):
+        for match in self._matches(text, entries):
             if match.is_strict:
                 return True
         return False
@@ -403,6 +426,26 @@ class Phrasebook:
                 blank = "" if text[at] == " " else " "
                 yield Found((*whole.parts, blank, *after.parts), whole.left + after.left)
                 at = text.find(separator, at + 1)
+
+
+def _beginnings(text: str) -> Iterator[str]:
+    """Yield the beginning of a text with the first separator of each kind of list."""
+    for separator in _OF_LISTS:
+        first, found, _ = text.partition(separator)
+        if found:
+            yield first + found
+
+
+def _ends_of_heads(text: str) -> list[int]:
+    """Return the first places before and after the first sign of a separator, in their order."""
+    ends: set[int] = set()
+    for separator in _SEPARATORS:
+        at = text.find(separator, 1)
+        while at > 0:
+            # The sign of the separator can belong to the beginning.
+            ends.update((at, at + 1))
+            at = text.find(separator, at + 1)
+    return sorted(ends)[:_MOST_HEADS]
 
 
 def _lower(text: str) -> str:

@@ -102,9 +102,10 @@ class Template:
             values.append(text[at:found])
             at = found + len(literal)
         values.append(text[at:end])
-        if all(is_mark(values[number]) for number in self.code):
-            return values
-        return None
+        for number in self.code:
+            if not is_mark(values[number]):
+                return None
+        return values
 
 
 def _unescaped(text: str) -> str:
