@@ -78,7 +78,9 @@ class Found(NamedTuple):
 
 def text_of(parts: Parts, words: Words) -> str:
     """Return parts of a text in a language."""
-    text = ""
+    pieces = []
     for part in parts:
-        text += part if isinstance(part, str) else part.said_in(words)
-    return text
+        if not isinstance(part, str):
+            part = part.said_in(words)
+        pieces.append(part)
+    return "".join(pieces)

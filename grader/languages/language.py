@@ -5,13 +5,11 @@ The phrasebook finds the messages in a text; each language has its own words for
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from grader.languages.catalogue import NAMES, Message, engine_catalogues, read_catalogues
+from grader.languages.catalogue import Message
 from grader.languages.found import text_of
 from grader.languages.phrasebook import phrasebook_of, words_left
 from grader.languages.template import FIRST_MARK, LAST_MARK, Template, Translation, filled
@@ -141,24 +139,3 @@ class Languages:
 
 
 ENGLISH_ONLY = Languages()
-
-
-def language_of(tag: str, lab_catalogues: Iterable[Path] = ()) -> Language:
-    """Return a language with the grader's messages, and those of a lab.
-
-    Parameters
-    ----------
-    tag
-        One of `NAMES`.
-    lab_catalogues
-        Catalogues of the lab, which count before the grader's own.
-    """
-    assert tag in NAMES
-    paths = (*lab_catalogues, *engine_catalogues(tag))
-    states = tuple((path, path.stat().st_mtime_ns) for path in paths)
-    return _made(tag, states)
-
-
-@functools.lru_cache(maxsize=8)
-def _made(tag: str, states: tuple[tuple[Path, int], ...]) -> Language:
-    return Language(tag, read_catalogues(path for path, _ in states))

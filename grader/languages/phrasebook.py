@@ -10,10 +10,10 @@ import functools
 import itertools
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from grader.languages.found import Capital, English, Filled, Found, Part, Whole
 from grader.languages.template import FIRST_MARK, LAST_MARK, Template, is_mark
@@ -85,6 +85,10 @@ class _Work:
     lookups: int = _MOST_LOOKUPS
 
 
+#: A way to the parts of a text, with the number of phrases around it.
+_Way: TypeAlias = Callable[[str, _Work, int], Iterator[Found]]
+
+
 class Phrasebook:
     """The English messages of a catalogue, and the texts found among them."""
 
@@ -96,28 +100,6 @@ class Phrasebook:
         self._by_word: dict[str, list[_Entry]] = defaultdict(list)
         self._matching: dict[str, tuple[_Match, ...]] = {}
         self._texts: dict[str, Found] = {}
-        self._ways_of_word = (
-            self._by_strict_templates,
-            self._by_end,
-            self._by_templates,
-            self._without_around,
-            self._by_lower_case,
-            self._by_marks,
-        )
-        self._ways_of_words = (
-            self._by_known_items,
-            self._by_strict_templates,
-            self._by_sentences,
-            self._by_known_head,
-            self._by_end,
-            self._by_templates,
-            self._without_around,
-            self._by_number,
-            self._by_lower_case,
-            self._by_marks,
-            self._by_list,
-            self._by_separators,
-        )
         for message in messages:
             template = Template.of(message)
             if len(template.literals) > 1:
@@ -181,11 +163,7 @@ class Phrasebook:
     def _best(self, text: str, found: Found, work: _Work, depth: int) -> Found:
         """Return the parts that leave the fewest words English, or the text itself."""
         best = Found(found.parts, found.left + 1)
-        ways = self._ways_of_words
-        # The other ways divide a text at its blanks.
-        if len(text.split(maxsplit=1)) == 1:
-            ways = self._ways_of_word
-        for way in ways:
+        for way in self._ways_for(text):
             if best.left == 0:
                 break
             for other in way(text, work, depth + 1):
@@ -194,6 +172,33 @@ class Phrasebook:
                 if best.left == 0:
                     break
         return found if best.left > found.left else best
+
+    def _ways_for(self, text: str) -> tuple[_Way, ...]:
+        """Return the ways to the parts of a text, in the order of trial."""
+        # The other ways divide a text at its blanks.
+        if len(text.split(maxsplit=1)) == 1:
+            return (
+                self._by_strict_templates,
+                self._by_end,
+                self._by_templates,
+                self._without_around,
+                self._by_lower_case,
+                self._by_marks,
+            )
+        return (
+            self._by_known_items,
+            self._by_strict_templates,
+            self._by_sentences,
+            self._by_known_head,
+            self._by_end,
+            self._by_templates,
+            self._without_around,
+            self._by_number,
+            self._by_lower_case,
+            self._by_marks,
+            self._by_list,
+            self._by_separators,
+        )
 
     def _known_as_whole(self, text: str) -> Part | None:
         """Return a message without values, also with another first letter; None if the text is none."""

@@ -194,7 +194,8 @@ def with_languages(page: str, languages: Languages) -> str:
     texts = [unit.text for unit in units]
     attributes = ""
     for language in languages.others:
-        attributes += f' data-{language.tag}="{_packed(hashed, texts, language)}"'
+        packed = _packed(hashed, texts, language)
+        attributes += f' data-{language.tag}="{packed}"'
     names = html.escape(json.dumps({each.tag: NAMES[each.tag] for each in languages.others}))
     holder = f'<div id="languages" hidden data-chosen="{languages.first}" data-names="{names}"{attributes}></div>\n'
     before, script, after = page.rpartition("<script>")
@@ -207,7 +208,8 @@ def _with_hashes(units: Sequence[Unit]) -> list[tuple[str, Unit]]:
     taken: dict[str, str] = {}
     for unit in units:
         key = hash_of(unit.text)
-        if taken.setdefault(key, unit.text) == unit.text:
+        first = taken.setdefault(key, unit.text)
+        if first == unit.text:
             hashed.append((key, unit))
     return hashed
 
@@ -233,7 +235,8 @@ def _packed(hashed: Sequence[tuple[str, Unit]], texts: Sequence[str], language: 
     ]
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
     packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    packed = packer.compress(text.encode()) + packer.flush()
+    packed = packer.compress(text.encode())
+    packed += packer.flush()
     return base64.b64encode(packed).decode()
 
 
