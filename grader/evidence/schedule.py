@@ -183,7 +183,8 @@ def _rate_of_longest_sum(rates_hz: Floats, times_s: Floats) -> float:
     size = math.isqrt(len(rates_hz))
     first = np.exp(2j * np.pi * np.outer(rates_hz[::size], times_s))
     offsets = np.exp(2j * np.pi * np.outer(rates_hz[:size] - rates_hz[0], times_s))
-    sums = (first @ offsets.T).ravel()
+    # A matrix product would start threads.
+    sums = np.einsum("rt,ot->ro", first, offsets).ravel()
     lengths = np.abs(sums[: len(rates_hz)])
     return float(rates_hz[lengths.argmax()])
 
