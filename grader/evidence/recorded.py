@@ -433,7 +433,8 @@ class Recorded:
             most_s = self._others_around_s(run, Span(delays[0].start_ns, end_ns))
             share = min(1.0, most_s * 1e9 / max(1, noted_ns))
             for delay in delays:
-                left.append(replace(delay, delay_ns=round(share * delay.delay_ns)))
+                delay_ns = round(share * delay.delay_ns)
+                left.append(Delay(delay.start_ns, delay.end_ns, delay_ns))
         return tuple(left)
 
     def _others_around_s(self, run: ProcessRun, span: Span) -> float:
@@ -768,24 +769,32 @@ def numeric_stream(
     stream: Stream, all_rows: Sequence[Floats | None], *, finite: bool = True
 ) -> NumericStream | None:
     """Return the messages of a stream with (finite) numbers of the most frequent length, by source time."""
-    by_length: dict[int, dict[int, Floats]] = {}
+    by_length: dict[int, list[int]] = {}
     for index, row in enumerate(all_rows):
-        if row is None or not len(row):
-            continue
-        if not finite or np.isfinite(row).all():
-            by_length.setdefault(len(row), {})[index] = row
-    if not by_length:
+        if row is not None and len(row):
+            by_length.setdefault(len(row), []).append(index)
+    kept: Integers = np.empty(0, dtype=np.int64)
+    values: Floats = np.empty((0, 0))
+    # Among equally frequent lengths, the greatest one counts.
+    for length in sorted(by_length, reverse=True):
+        indices = np.array(by_length[length], dtype=np.int64)
+        rows = np.array([all_rows[index] for index in by_length[length]], dtype=np.float64)
+        if finite:
+            is_finite = np.isfinite(rows).all(axis=1)
+            indices = indices[is_finite]
+            rows = rows[is_finite]
+        if len(indices) > len(kept):
+            kept = indices
+            values = rows
+    if not len(kept):
         return None
-    length = max(by_length, key=lambda n: (len(by_length[n]), n))
-    rows = by_length[length]
-    kept = np.array(list(rows), dtype=np.int64)
-    order = kept[np.lexsort((stream.sequence[kept], stream.source_ns[kept]))]
-    values = np.array([rows[index] for index in order.tolist()], dtype=np.float64)
+    by_time = np.lexsort((stream.sequence[kept], stream.source_ns[kept]))
+    order = kept[by_time]
     return NumericStream(
         stream.source_ns[order],
         stream.received_ns[order],
         stream.sequence[order],
-        values,
+        values[by_time],
         order,
     )
 

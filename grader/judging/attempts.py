@@ -40,14 +40,16 @@ def retry_undecided(
     judgement = judged()
     disturbed: frozenset[str] = frozenset()
     retry = recordings.parent / _RETRY
-    recorded = _times_recorded(recordings, chosen)
+    recorded = 0
     try:
-        for attempt in range(recorded + 1, recorded + RETRIES + 1):
+        for number in range(1, RETRIES + 1):
             disturbed |= _disturbed(judgement.by_rubric)
             undecided = undecided_sessions(judgement.by_rubric, chosen)
             if not undecided:
                 break
-            record(undecided, retry, attempt, disturbed)
+            # Reading all sessions takes 30 ms, and is of use only here.
+            recorded = recorded or _times_recorded(recordings, chosen)
+            record(undecided, retry, recorded + number, disturbed)
             judgement = keep_better(recordings, retry, undecided, judgement, judged)
     finally:
         shutil.rmtree(retry, ignore_errors=True)

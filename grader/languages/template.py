@@ -1,10 +1,11 @@
-"""Templates of texts: `{0} messages on {1}` with its translation, and the texts that it matches."""
+"""Templates of texts: `{0} messages on {1}`, the texts that it matches, and its translations."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 #: First of the characters of Unicode's private use that stand for pieces which are never translated.
 FIRST_MARK = 0xE000
@@ -12,6 +13,9 @@ LAST_MARK = 0xF8FF
 _PIECE = re.compile(r"(`[^`]*`|\{\d+\})")
 _LETTER = re.compile(r"[^\W\d_]")
 _WORD = re.compile(r"\w+")
+
+#: A translated template: texts, and numbers of inserted values.
+Translation: TypeAlias = tuple[str | int, ...]
 
 
 def is_mark(text: str) -> bool:
@@ -21,22 +25,22 @@ def is_mark(text: str) -> bool:
 
 @dataclass(frozen=True)
 class Template:
-    """A template in pieces: the literal texts around its inserted values, and its translation.
+    """A template in pieces: the literal texts around its inserted values.
 
     A piece of code between backticks counts as an inserted value, because pages show it as an element.
     """
 
     literals: tuple[str, ...]
+    #: The inserted values as written, such as `{0}`.
+    names: tuple[str, ...]
     #: Numbers of the inserted values that are code.
     code: frozenset[int]
-    #: Texts, and numbers of inserted values.
-    translation: tuple[str | int, ...]
     #: Number of letters in its literal texts.
     weight: int
 
     @classmethod
-    def of(cls, english: str, translation: str) -> Template:
-        """Return the template of an entry of a catalogue; raises ValueError if both have other values."""
+    def of(cls, english: str) -> Template:
+        """Return the template of a message."""
         values: list[str] = []
         literals: list[str] = [""]
         for number, piece in enumerate(_PIECE.split(english)):
@@ -47,7 +51,24 @@ class Template:
                 literals[-1] = _unescaped(piece)
         code = frozenset(n for n, value in enumerate(values) if value.startswith("`"))
         weight = sum(len(_LETTER.findall(literal)) for literal in literals)
-        return cls(tuple(literals), code, tuple(_translation(translation, values)), weight)
+        return cls(tuple(literals), tuple(values), code, weight)
+
+    def translation(self, text: str) -> Translation:
+        """Return the pieces of a translation; raises ValueError unless each value stands in it once."""
+        pieces: list[str | int] = []
+        missing = list(enumerate(self.names))
+        for number, piece in enumerate(_PIECE.split(text)):
+            if number % 2 == 0:
+                pieces.append(_unescaped(piece))
+                continue
+            same = [entry for entry in missing if entry[1] == piece]
+            if not same:
+                raise ValueError(f"{piece} is not in the English text, or stands there less often")
+            missing.remove(same[0])
+            pieces.append(same[0][0])
+        if missing:
+            raise ValueError(f"{missing[0][1]} is missing")
+        return tuple(pieces)
 
     def anchors(self) -> list[str]:
         """Return the whole words in its literal texts, which each matching text has."""
@@ -81,37 +102,21 @@ class Template:
             values.append(text[at:found])
             at = found + len(literal)
         values.append(text[at:end])
-        if all(is_mark(values[number]) for number in self.code):
-            return values
-        return None
-
-    def filled(self, values: Sequence[str]) -> str:
-        """Return the translation with inserted values."""
-        pieces = []
-        for piece in self.translation:
-            if isinstance(piece, int):
-                piece = values[piece]
-            pieces.append(piece)
-        return "".join(pieces)
+        for number in self.code:
+            if not is_mark(values[number]):
+                return None
+        return values
 
 
 def _unescaped(text: str) -> str:
     return text.replace("{{", "{").replace("}}", "}")
 
 
-def _translation(text: str, values: Sequence[str]) -> list[str | int]:
-    """Return the pieces of a translation; raises ValueError unless each value stands in it once."""
-    pieces: list[str | int] = []
-    missing = list(enumerate(values))
-    for number, piece in enumerate(_PIECE.split(text)):
-        if number % 2 == 0:
-            pieces.append(_unescaped(piece))
-            continue
-        same = [entry for entry in missing if entry[1] == piece]
-        if not same:
-            raise ValueError(f"{piece} is not in the English text, or stands there less often")
-        missing.remove(same[0])
-        pieces.append(same[0][0])
-    if missing:
-        raise ValueError(f"{missing[0][1]} is missing")
-    return pieces
+def filled(translation: Translation, values: Sequence[str]) -> str:
+    """Return a translated template with inserted values."""
+    pieces = []
+    for piece in translation:
+        if isinstance(piece, int):
+            piece = values[piece]
+        pieces.append(piece)
+    return "".join(pieces)

@@ -95,6 +95,9 @@ def _optional_reader(hint: Any) -> _Reader:
 
 def _checked(value: Any, kind: Any, accepted: Any) -> Any:
     """Return a value of an accepted type, or raise `ValueError`; True and False are not numbers."""
+    # Most values: numbers can be too large, and lists are of another type than their field.
+    if value.__class__ is kind and kind is not int:
+        return value
     if value.__class__ is bool:
         accepted = bool if kind is bool else ()
     if not isinstance(value, accepted):

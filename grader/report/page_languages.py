@@ -89,9 +89,10 @@ class _Reader:
         self._begin()
 
     def _keep(self, raw: str, pairs: tuple[tuple[str, str], ...] = ()) -> None:
+        if not _LETTERS.search(raw):
+            return
         text = _BLANKS.sub(" ", raw).strip(" ")
-        if _LETTERS.search(text):
-            self.units.append(Unit(text, pairs))
+        self.units.append(Unit(text, pairs))
 
     def _mark(self) -> str:
         """Add a mark for an element to the text, and return it."""
@@ -189,29 +190,38 @@ def hash_of(text: str) -> str:
 def with_languages(page: str, languages: Languages) -> str:
     """Return a page with its translations, before the scripts at its end."""
     units = list(dict.fromkeys(units_of(page)))
+    hashed = _with_hashes(units)
+    texts = [unit.text for unit in units]
     attributes = ""
     for language in languages.others:
-        attributes += f' data-{language.tag}="{_packed(units, language)}"'
+        packed = _packed(hashed, texts, language)
+        attributes += f' data-{language.tag}="{packed}"'
     names = html.escape(json.dumps({each.tag: NAMES[each.tag] for each in languages.others}))
     holder = f'<div id="languages" hidden data-chosen="{languages.first}" data-names="{names}"{attributes}></div>\n'
     before, script, after = page.rpartition("<script>")
     return before + holder + script + after
 
 
-def _packed(units: Sequence[Unit], language: Language) -> str:
-    """Return the dictionary of a language: JSON, compressed, in Base64.
+def _with_hashes(units: Sequence[Unit]) -> list[tuple[str, Unit]]:
+    """Return the units with their hashes; of two texts with one hash, the first one."""
+    hashed = []
+    taken: dict[str, str] = {}
+    for unit in units:
+        key = hash_of(unit.text)
+        first = taken.setdefault(key, unit.text)
+        if first == unit.text:
+            hashed.append((key, unit))
+    return hashed
+
+
+def _packed(hashed: Sequence[tuple[str, Unit]], texts: Sequence[str], language: Language) -> str:
+    """Return the dictionary of a language for units with their hashes: JSON, compressed, in Base64.
 
     Its parts are the hashes of the units in a row, their translations, the templates of texts composed by scripts, the
     sign between whole and fraction, and the pattern of numbers.
     """
-    texts = [unit.text for unit in units]
     found: dict[str, str] = {}
-    taken: dict[str, str] = {}
-    for unit in units:
-        key = hash_of(unit.text)
-        # Two units can have one hash; the first one is translated.
-        if taken.setdefault(key, unit.text) != unit.text:
-            continue
+    for key, unit in hashed:
         translation = _of_unit(unit.text, texts, language)
         is_other = translation != language.number(unit.text)
         if is_other and unit.allows(translation):
@@ -225,7 +235,8 @@ def _packed(units: Sequence[Unit], language: Language) -> str:
     ]
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
     packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    packed = packer.compress(text.encode()) + packer.flush()
+    packed = packer.compress(text.encode())
+    packed += packer.flush()
     return base64.b64encode(packed).decode()
 
 

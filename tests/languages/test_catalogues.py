@@ -47,7 +47,7 @@ def test_translations_have_the_same_values(path: Path) -> None:
         if not message.translation:
             continue
         try:
-            Template.of(message.english, message.translation)
+            Template.of(message.english).translation(message.translation)
         except ValueError as problem:
             wrong.append(f"{message.english}: {problem}")
         if message.translation != message.translation.strip():

@@ -140,7 +140,7 @@ def test_each_value_stands_once_in_a_translation() -> None:
     """A translation without a value, with another one, or with one twice is refused."""
     for wrong in ("{0}", "{0} {1} {2}", "{0} {0} {1}", "{0} `a` {1}"):
         with pytest.raises(ValueError, match=r"missing|not in the English"):
-            Template.of("{0} and {1}", wrong)
+            Template.of("{0} and {1}").translation(wrong)
 
 
 @pytest.mark.parametrize(

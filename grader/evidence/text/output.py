@@ -59,11 +59,11 @@ def read_output(output: Sequence[OutputLine]) -> list[OutputLine]:
     for line in _without_tracebacks(plain_output(output)):
         text = _PREFIX.sub("", line.text, count=1)
         if text != line.text:
-            line = replace(line, text=text)
+            line = OutputLine(line.t_ns, line.stream, text)
         lines.append(line)
     if not _has_decimal_commas(lines):
         return lines
-    return [replace(line, text=_with_points(line.text)) for line in lines]
+    return [OutputLine(line.t_ns, line.stream, _with_points(line.text)) for line in lines]
 
 
 def _has_decimal_commas(lines: Sequence[OutputLine]) -> bool:
