@@ -77,7 +77,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 def rubric_kinds() -> Kinds:
     """Return the checks and figures that a rubric can use."""
     from grader.checks.registry import REGISTRY, former_checks
-    from grader.report.figures import FIGURES
+    from grader.report.figures.kinds import FIGURES
 
     checks = {name: check.parameters for name, check in REGISTRY.items()}
     return Kinds(checks, FIGURES, former_checks)
