@@ -9,5 +9,7 @@ import os
 
 # Pydantic would look for plugins in each installed package, in 10 ms of each process.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+# numpy's library would start a thread a core, which spins at first: in 20 to 60 ms of each process.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 __version__ = "1.0.0"

@@ -20,7 +20,7 @@ from grader.errors import UsageError, described
 from grader.evidence.environment_gap import modules_to_look_for
 from grader.files import atomic_replacement, replace_files, text_of
 from grader.judging.attempts import retry_undecided
-from grader.judging.judgement import Judgement, judge_bounded, prepare
+from grader.judging.judgement import Judgement, judge_bounded, load
 from grader.judging.result_files import files_of
 from grader.judging.rubrics import rubric_files
 from grader.lab import kept_lab
@@ -65,7 +65,7 @@ PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Marks recordings as incomplete until all sessions have been recorded.
 _BEGUN = ".begun"
 #: Time in s after which sessions have started, and leave a core some time.
-_PREPARED_AFTER_S = 3.0
+_LOADED_AFTER_S = 3.0
 #: Limits of each step of reading and staging a submission. The solution takes 0.02 s.
 _READING_BOUND = Bound(
     what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3
@@ -295,7 +295,7 @@ class Grading:
             sessions = self._sessions(chosen, scheduler, stack)
             chosen = self._startable(chosen, sessions.programs)
             judge = _Judge(self.recordings, self.rubric, self.options.overrides)
-            judge.prepare_later()
+            judge.load_later()
             if self.options.scope is not Scope.UNDECIDED:
                 self._record_sessions(sessions, chosen)
             judged = partial(self._judged, judge, scheduler)
@@ -490,23 +490,23 @@ class Grading:
 
 
 class _Judge:
-    """Judges recordings, after preparations while sessions run."""
+    """Judges recordings, after loading everything for it while sessions run."""
 
     def __init__(self, recordings: Path, rubric: Rubric, overrides: Overrides) -> None:
         self._recordings = recordings
         self._rubric = rubric
         self._overrides = overrides
-        self._preparing = threading.Timer(_PREPARED_AFTER_S, prepare, [rubric])
-        self._preparing.daemon = True
+        self._loading = threading.Timer(_LOADED_AFTER_S, load, [rubric])
+        self._loading.daemon = True
 
-    def prepare_later(self) -> None:
-        """Prepare once the sessions have started and leave a core some time."""
-        self._preparing.start()
+    def load_later(self) -> None:
+        """Load once the sessions have started and leave a core some time."""
+        self._loading.start()
 
     def judged(self) -> Judgement:
         """Judge the recordings as they are now."""
-        self._preparing.cancel()
-        self._preparing.join()
+        self._loading.cancel()
+        self._loading.join()
         return judge_bounded(self._recordings, self._rubric, self._overrides)
 
 

@@ -9,7 +9,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache
 from itertools import accumulate, pairwise
 from operator import or_
@@ -19,14 +19,12 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Field,
     Strict,
     TypeAdapter,
     ValidationError,
     model_validator,
 )
-from pydantic.dataclasses import dataclass
 
 from launch_plan.format import NO_JSON, PARAMETERS_PLACEHOLDER, PROCESS_LIMIT, SCHEMA
 
@@ -38,8 +36,6 @@ _LARGEST = 10**9
 _MOST_NAMES = 128
 #: Longest path and longest name of a file on Linux, in bytes.
 _LONGEST_NAME, _LONGEST_FILE_NAME = 4096, 255
-#: Validators are built for the first plan that is read.
-_LATE = ConfigDict(defer_build=True)
 _NO_MOMENT = "a start must wait for a time in seconds or for an event of a process"
 
 
@@ -53,7 +49,9 @@ class MalformedPlanError(ValueError):
 
 def _as_text(value: Any) -> Any:
     """Write a number or a truth value as text; lists and mappings are left for the type check to refuse."""
-    return value if isinstance(value, (Mapping, list, tuple)) else str(value)
+    if isinstance(value, (Mapping, list, tuple)):
+        return value
+    return str(value)
 
 
 def _require_folder(path: str) -> str:
@@ -118,7 +116,7 @@ _Environment = Mapping[_Word, Annotated[_Word, BeforeValidator(_as_text)]]
 _Remappings = tuple[tuple[_Text, _Text], ...]
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Problem:
     """Reason why a launch file cannot be launched, or cannot be assessed."""
 
@@ -135,7 +133,7 @@ class Problem:
     module: str = ""
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Argument:
     """A declared launch argument; `default` is None if it must be given."""
 
@@ -147,7 +145,7 @@ class Argument:
     line: _Line | None = None
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Parameter:
     """One parameter (`name`, `value`, `type`) or one file of them (`file`, `content`), in the order given."""
 
@@ -163,11 +161,13 @@ class Parameter:
         """Return the sections of a file: a pattern of nodes, e.g. `/arm/*`, and the values by name."""
         if not isinstance(self.content, Mapping):
             return []
-        listed = _sections(self.content, "")
-        return [(pattern, _flat(values, "")) for pattern, values in listed]
+        found = []
+        for pattern, values in _sections(self.content, ""):
+            found.append((pattern, _flat(values, "")))
+        return found
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Component:
     """A node to be loaded into a container."""
 
@@ -175,7 +175,7 @@ class Component:
     name: str | None = None
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Process:
     """One process of a plan."""
 
@@ -372,7 +372,7 @@ def ros2_run(words: Sequence[str]) -> tuple[str, str, list[str]] | None:
     return package, executable, rest[2:]
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Include:
     """An included launch file; the inclusion is in the file `by`, at `line`."""
 
@@ -383,7 +383,7 @@ class Include:
     line: _Line | None = None
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Note:
     """A warning of the evaluation, or a message of the launch file."""
 
@@ -393,7 +393,7 @@ class Note:
     line: _Line | None = None
 
 
-@dataclass(frozen=True, config=_LATE)
+@dataclass(frozen=True)
 class Plan:
     """The effects of a launch file."""
 
@@ -422,7 +422,10 @@ class Plan:
         """
         if not _is_shallow(plain):
             raise MalformedPlanError("this is not a launch plan: it is too large")
-        if not isinstance(plain, Mapping) or plain.get("schema") != SCHEMA:
+        schema = None
+        if isinstance(plain, Mapping):
+            schema = plain.get("schema")
+        if schema != SCHEMA:
             raise MalformedPlanError(f"this is not a launch plan: its schema is not {SCHEMA}")
         try:
             return _reader().validate_python(plain)
@@ -446,7 +449,7 @@ class Plan:
 
 def prepare_reader() -> None:
     """Build the reader of plans, which the first plan would build otherwise; forks then have it."""
-    _reader().rebuild()
+    _reader()
 
 
 @cache

@@ -55,7 +55,7 @@ class TopicsSubscribed(OfEndpoint):
 
     artifact: ref.Artifact
     topics: tuple[WantedTopic, ...] = Field(min_length=1)
-    offered: OfferedProfile = OfferedProfile()
+    offered: OfferedProfile = OfferedProfile.model_construct()
     incompatible_costs: Share = Field(
         0.6, description="Share of the credit that a profile which gets nothing costs."
     )

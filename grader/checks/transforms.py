@@ -126,7 +126,7 @@ class TransformTree(OfNode):
     known_credit: Share = Field(
         0.5, description="Credit of a part with a mistake that is known by name."
     )
-    weights: Weights = Weights()
+    weights: Weights = Weights.model_construct()
 
     @model_validator(mode="after")
     def _has_a_window(self) -> TransformTree:

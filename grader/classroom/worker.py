@@ -71,7 +71,6 @@ class Workers(ForkingServer):
         environment = helper_environment(export_variables())
         for name in SOURCED:
             environment[name] = os.pathsep.join(absolute_entries(name))
-        environment["OPENBLAS_NUM_THREADS"] = "1"
         super().__init__(__name__, (), environment)
 
 

@@ -157,27 +157,42 @@ _OF_EVERY_NODE = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
 _MESSAGE_TYPE = re.compile(r"\b\w+/msg/\w+")
 #: Message types that a Python file imports, such as `from std_msgs.msg import Bool, String`.
 _IMPORTED = re.compile(r"^[ \t]*from (\w+)\.msg import ([\w, ]+)", re.MULTILINE)
+#: Modules that are imported where they are first used.
+_IMPORTED_LATE = (
+    "grader.report.submission_page",
+    "mcap.stream_reader",
+    "numpy.ma",
+)
 #: Hashes of rubrics. This process, or its parent, is prepared for each.
 _prepared: set[str] = set()
 
 
-def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
-    """Judge an empty submission, to import and compile everything that later judgements need.
+def load(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
+    """Import, read and compile everything that judgements by a rubric need, and judge nothing.
 
-    Forks of this process then judge the solution in 0.3 s of a core instead of 0.5 s. Decoders of the installed message
-    types that the rubric names are compiled too.
+    A fork of this process then has it, and this process takes no more time than the fork saves. Decoders of the installed
+    message types that the rubric names are compiled too.
 
     Parameters
     ----------
     naming_types
         Further files with names of message types, such as a recording of the lab, or its reference nodes.
     """
-    if rubric.sha256 in _prepared:
-        return
-    for module in ("mcap.stream_reader", "numpy.ma"):  # imported where they are first used
+    for module in _IMPORTED_LATE:
         import_module(module)
+    languages_of(rubric, rubric.lab.language)
     _compile_decoders(_message_types(rubric, naming_types))
     _compile_functions(rubric)
+
+
+def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
+    """Load everything for judgements by a rubric, and judge an empty submission for the parts that only this loads.
+
+    The empty judgement takes 0.1 s, and is of use from the second judgement on. For `naming_types` see `load`.
+    """
+    if rubric.sha256 in _prepared:
+        return
+    load(rubric, naming_types)
     empty = Recordings(_empty_submission(rubric), {})
     result = judge(empty, rubric)
     result_of_text(to_json(result))

@@ -11,7 +11,7 @@ from grader.cohort.entries import ClassEntry
 from grader.errors import RecordingError, RubricError, UsageError
 from grader.judging.validated import validated
 from grader.lab import kept_lab
-from grader.lab.kept_lab import is_shipped, lab_folder, lab_id
+from grader.lab.kept_lab import has_text, is_shipped, lab_folder, lab_id
 from grader.lab.overrides import OVERRIDES_FILE, Overrides, load_overrides
 from grader.lab.references import Kinds
 from grader.lab.rubric import Rubric
@@ -77,7 +77,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 def rubric_kinds() -> Kinds:
     """Return the checks and figures that a rubric can use."""
     from grader.checks.registry import REGISTRY, former_checks
-    from grader.report.figures import FIGURES
+    from grader.report.figures.kinds import FIGURES
 
     checks = {name: check.parameters for name, check in REGISTRY.items()}
     return Kinds(checks, FIGURES, former_checks)
@@ -118,8 +118,10 @@ def require_lab(
     results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none."
 ) -> None:
     """Raise UsageError if results are of another lab than a rubric."""
-    copies = _rubric_copies(results)
-    recorded = lab_id(copies[0]) if copies else ""
+    recorded = ""
+    for copy in _rubric_copies(results)[:1]:
+        if not has_text(copy, rubric):
+            recorded = lab_id(copy)
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
         raise UsageError(problem, location=str(results), remedy=remedy)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from grader.lab.kept_lab import RUBRIC_FILE, lab_folder, lab_id
+from grader.lab.kept_lab import is_of_shipped_lab, lab_folder
 from grader.lab.rubric import Rubric
 
 _FOLDERS = ("languages", "reference/languages")
@@ -15,13 +15,18 @@ _FOLDERS = ("languages", "reference/languages")
 
 def lab_catalogues(rubric: Rubric, tag: str) -> list[Path]:
     """Return the catalogues of a rubric's lab in a language; of the shipped lab for a copy kept with its recordings."""
-    places = [rubric.folder]
-    shipped = lab_folder()
-    if rubric.lab.id == lab_id(shipped / RUBRIC_FILE):
-        places.append(shipped)
-    for place in places:
-        for folder in _FOLDERS:
-            path = place / folder / f"{tag}.po"
-            if path.is_file():
-                return [path]
+    beside = _catalogues_in(rubric.folder, tag)
+    if beside:
+        return beside
+    if is_of_shipped_lab(rubric.text):
+        return _catalogues_in(lab_folder(), tag)
+    return []
+
+
+def _catalogues_in(lab: Path, tag: str) -> list[Path]:
+    """Return the catalogue of a language in the folder of a lab, if there is one."""
+    for folder in _FOLDERS:
+        path = lab / folder / f"{tag}.po"
+        if path.is_file():
+            return [path]
     return []

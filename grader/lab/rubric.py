@@ -490,7 +490,8 @@ class RubricFile(Parameters):
         (),
         description="Extensions, in the same form: judged where they are handed in, and shown beside the points.",
     )
-    policy: Policy = Policy()
+    # Not validated, because the validator of the defaults alone would be built at each start.
+    policy: Policy = Policy.model_construct()
 
     @model_validator(mode="after")
     def _criteria_are_different(self) -> RubricFile:

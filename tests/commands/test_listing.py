@@ -15,7 +15,7 @@ from grader.commands.listing import Entry, entries_of
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.rubric import load_rubric
 from grader.lab.steps import STEPS
-from grader.report.figures import FIGURES
+from grader.report.figures.kinds import FIGURES
 
 KNOWN: dict[str, Any] = {"checks": REGISTRY, "steps": STEPS, "figures": FIGURES}
 

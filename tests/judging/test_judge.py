@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from grader.checks import publisher as publisher_checks
+from grader.checks import registry
 from grader.checks.base import passed
 from grader.checks.registry import REGISTRY, Check
 from grader.classroom.expectations import Verdict, compare, load_fixture
@@ -201,7 +202,7 @@ def test_a_check_that_breaks_costs_nothing(
     def broken(context: object, parameters: object) -> Any:
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setitem(REGISTRY, check, Check(broken))
+    monkeypatch.setattr(registry, "REGISTRY", {**REGISTRY, check: Check(broken)})
     result = judge(solution, rubric)
     mine = [
         spec for criterion in rubric.criteria for spec in criterion.checks if spec.check == check
@@ -370,7 +371,8 @@ def test_what_hangs_on_an_undecided_check_is_undecided(
     def broken(context: object, parameters: object) -> Any:
         raise ZeroDivisionError
 
-    monkeypatch.setitem(REGISTRY, "topic_published", Check(broken))
+    changed = {**REGISTRY, "topic_published": Check(broken)}
+    monkeypatch.setattr(registry, "REGISTRY", changed)
     checks = checks_of(judge(solution, rubric))
     assert checks["publisher.rate"].outcome is Outcome.INCONCLUSIVE
     assert "Publishes joint commands" in checks["publisher.rate"].reason
@@ -555,7 +557,8 @@ def test_the_check_that_the_developers_page_shows_can_be_used(
     assert code is not None
     names: dict[str, Any] = {**vars(publisher_checks), "passed": passed}
     exec(code[1], names)
-    monkeypatch.setitem(REGISTRY, "topic_silent", Check(names["topic_silent"]))
+    changed = {**REGISTRY, "topic_silent": Check(names["topic_silent"])}
+    monkeypatch.setattr(registry, "REGISTRY", changed)
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
     used = re.sub(
         r"check: topic_jitter\n( +)with: .*",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.languages.catalogue import Message, engine_catalogues, read_catalogues, tag_of
+from grader.languages.catalogue import NAMES, Message, engine_catalogues, read_catalogues, tag_of
 from grader.languages.language import ENGLISH, Language, Languages
 from grader.languages.template import Template
 
@@ -168,6 +168,14 @@ def test_the_first_language_is_used_without_a_tag(german: Language) -> None:
     assert Languages((german,), "de").of("en") is ENGLISH
     assert Languages((german,)).of("") is ENGLISH
     assert Languages((german,)).of("de") is german
+
+
+def test_numbers_have_the_decimal_sign_of_their_language() -> None:
+    """Babel is the source of the signs."""
+    from babel.numbers import get_decimal_symbol
+
+    for tag in NAMES:
+        assert Language(tag, ()).decimal == get_decimal_symbol(tag)
 
 
 def test_a_catalogue_is_read_as_babel_reads_it() -> None:

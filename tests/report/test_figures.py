@@ -23,7 +23,8 @@ from grader.recording.session import (
     SessionRecord,
     StepRun,
 )
-from grader.report.figures import FIGURES, draw
+from grader.report.figures import draw
+from grader.report.figures.kinds import FIGURES
 from grader.report.figures.plan import Tree
 from grader.report.figures.svg import HALF, MOST_POINTS, NARROW, WIDE, Figure, duration
 from launch_plan.format import SCHEMA

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from grader.report.figures import FIGURES
 from grader.report.figures.frames import Frames
+from grader.report.figures.kinds import FIGURES
 from grader.report.figures.svg import NARROW, WIDE, Figure
 from tests.synthetic import Session, at, evenly
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import importlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from launch_plan.plan import prepare_reader
 
 #: Ends of the names of modules with interfaces.
 _INTERFACES = (".msg", ".srv", ".action")
+#: Attributes with the blocks of a statement.
+_BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")
 
 
 def build_models() -> None:
@@ -60,7 +62,7 @@ def _imports_in(file: Path) -> list[tuple[str, list[str]]]:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError):
         return found
-    for node in ast.walk(tree):
+    for node in _statements_in(tree.body):
         if not isinstance(node, (ast.Import, ast.ImportFrom)):
             continue
         names = [alias.name for alias in node.names]
@@ -70,3 +72,11 @@ def _imports_in(file: Path) -> list[tuple[str, list[str]]]:
         elif node.level == 0:
             found.append((node.module or "", names))
     return found
+
+
+def _statements_in(body: Sequence[ast.AST]) -> Iterator[ast.AST]:
+    """Yield statements with those within them; expressions, which hold no import, are most of a file."""
+    for node in body:
+        yield node
+        for name in _BLOCKS:
+            yield from _statements_in(getattr(node, name, ()))

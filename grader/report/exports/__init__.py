@@ -6,14 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grader.errors import GraderError
-from grader.report.exports.classroom50 import VARIABLES
-from grader.report.exports.graded import Graded, graded
-from grader.report.exports.returned import Returned, ReturnedClass
+from grader.report.exports.variables import CLASSROOM50
 from grader.result import Result
 from grader.result_folder import EXPORTED
+
+if TYPE_CHECKING:
+    from grader.report.exports.graded import Graded
+    from grader.report.exports.returned import Returned, ReturnedClass
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ _ALL = (
         "Classroom 50's result.json",
         "classroom50.json",
         _in("classroom50"),
-        VARIABLES,
+        tuple(CLASSROOM50.values()),
     ),
 )
 EXPORTS: Mapping[str, Export] = {export.name: export for export in _ALL}
@@ -140,6 +142,9 @@ def render_export(
     GraderError
         If a variable of the form is not set.
     """
+    # Imported late: a grading without exports does not need it.
+    from grader.report.exports.graded import graded
+
     export = EXPORTS[name]
     variables = environment or {}
     export.require_variables(variables)

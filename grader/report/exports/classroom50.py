@@ -20,18 +20,10 @@ from typing import Any
 from grader.json_text import json_text
 from grader.report.escape import line, markdown_text
 from grader.report.exports.graded import Graded, GradedCheck, full_text
+from grader.report.exports.variables import CLASSROOM50
 from grader.report.views import badge_of
 
 SCHEMA = "classroom50/result/v1"
-#: Facts about the submission from the runner: keys of the result, and the variables that hold their values.
-_GIVEN = {
-    "classroom": "CLASSROOM",
-    "assignment": "ASSIGNMENT",
-    "submission": "SUBMISSION_TAG",
-    "commit": "COMMIT_URL",
-    "release": "RELEASE_URL",
-}
-VARIABLES = tuple(_GIVEN.values())
 _ZERO = Decimal(0)
 #: Finest share of points; a rounding error of a division must not make a score exceed its maximum.
 _FINE = Decimal("1e-9")
@@ -39,7 +31,7 @@ _FINE = Decimal("1e-9")
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the file's text."""
-    given = {key: line(environment[variable], 1000) for key, variable in _GIVEN.items()}
+    given = {key: line(environment[variable], 1000) for key, variable in CLASSROOM50.items()}
     review = environment.get("REVIEW_URL") or environment["COMMIT_URL"]
     tests = []
     for check, (score, most) in zip(graded.checks, _scores(graded), strict=True):
