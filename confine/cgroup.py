@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from confine.machine import read_bytes_of
+from confine.machine import CounterFile
 
 #: Limits on all confined processes of a sandbox together.
 MEMORY_BYTES = 2 * 1024**3
@@ -59,13 +59,17 @@ class SandboxCgroup:
         self._memory = Path(parents.memory) / name
         self._processes = Path(parents.processes) / name
         self._cpu: Path | None = None
+        self._used_ns: CounterFile | None = None
         if parents.cpu is not None:
             self._cpu = Path(parents.cpu) / name
+            self._used_ns = CounterFile(str(self._cpu / "cpuacct.usage"))
         limit, swap, taken, kills = _MEMORY_FILES[parents.version]
         self._limit = self._memory / limit
         self._swap = self._memory / swap
-        self._taken = self._memory / taken
-        self._kills = self._memory / kills
+        self._taken = CounterFile(str(self._memory / taken))
+        self._kills = _NamedCounter(self._memory / kills, "oom_kill")
+        self._used_us = _NamedCounter(self._memory / "cpu.stat", "usage_usec")
+        self._refusals = _NamedCounter(self._processes / "pids.events", "max")
 
     def make(self, memory_bytes: int = MEMORY_BYTES, processes: int = PROCESSES) -> None:
         """Make the group and set its limits, or raise `OSError` if that is not permitted here."""
@@ -90,27 +94,28 @@ class SandboxCgroup:
     def exceeded(self) -> dict[str, int]:
         """Return the number of hits of each limit: {"memory": kills by the kernel, "processes": refused forks}."""
         return {
-            "memory": _counter(self._kills, "oom_kill"),
-            "processes": _counter(self._processes / "pids.events", "max"),
+            "memory": self._kills.value(),
+            "processes": self._refusals.value(),
         }
 
     def memory_bytes(self) -> int:
         """Return the memory used by the group, 0 if it cannot be read."""
         with suppress(OSError, ValueError):
-            return int(read_bytes_of(str(self._taken)))
+            return int(self._taken.read())
         return 0
 
     def cpu_ns(self) -> int | None:
         """Return the CPU time of all present and past processes of the group, in ns; None if nothing sums it up."""
+        if self._version == 2:
+            return self._used_us.value() * 1000
         with suppress(OSError, ValueError):
-            if self._version == 2:
-                return _counter(self._memory / "cpu.stat", "usage_usec") * 1000
-            if self._cpu is not None:
-                return int((self._cpu / "cpuacct.usage").read_text())
+            if self._used_ns is not None:
+                return int(self._used_ns.read())
         return None
 
     def remove(self) -> None:
         """Kill all processes in the group, and remove it; give up after two seconds."""
+        self._close_counters()
         end_s = time.monotonic() + _REMOVAL_S
         while any(folder.exists() for folder in self._folders()):
             for folder in self._folders():
@@ -121,6 +126,12 @@ class SandboxCgroup:
             if time.monotonic() > end_s:
                 return
             time.sleep(0.002)
+
+    def _close_counters(self) -> None:
+        for counter in (self._taken, self._kills, self._refusals, self._used_us):
+            counter.close()
+        if self._used_ns is not None:
+            self._used_ns.close()
 
     def _folders(self) -> list[Path]:
         folders = [self._memory]
@@ -138,13 +149,27 @@ def _kill_all(group: Path) -> None:
             os.kill(int(word), signal.SIGKILL)
 
 
-def _counter(file: Path, name: str) -> int:
-    """Return a counter from a file with lines such as "oom_kill 2", 0 if it is not there."""
-    with suppress(OSError):
-        words = read_bytes_of(str(file)).decode().split()
-        if name in words:
-            return int(words[words.index(name) + 1])
-    return 0
+class _NamedCounter(CounterFile):
+    """A counter from a file with lines such as "oom_kill 2"."""
+
+    def __init__(self, file: Path, name: str) -> None:
+        super().__init__(str(file))
+        self._name = name.encode()
+        self._text = b""
+        self._value = 0
+
+    def value(self) -> int:
+        """Return the counter, 0 if it is not there."""
+        text = b""
+        with suppress(OSError):
+            text = self.read()
+        if text != self._text:
+            self._text = text
+            words = text.split()
+            self._value = 0
+            if self._name in words:
+                self._value = int(words[words.index(self._name) + 1])
+        return self._value
 
 
 def cgroup_parents() -> list[CgroupParents]:

@@ -6,7 +6,6 @@ there. Each helper therefore starts in `/`, with an environment made from nothin
 
 from __future__ import annotations
 
-import asyncio
 import os
 import shutil
 import subprocess
@@ -171,26 +170,25 @@ def run_attached(
     return status
 
 
-async def start_piped(
+def start_piped(
     command: Sequence[str],
     *,
     environment: Mapping[str, str],
     pass_fds: Sequence[int],
     with_input: bool,
-    limit: int,
-) -> asyncio.subprocess.Process:
-    """Start a command in a session of its own with pipes to it, for an event loop; see `start_helper`."""
-    stdin = asyncio.subprocess.DEVNULL
+) -> subprocess.Popen[bytes]:
+    """Start a command in a session of its own with pipes to it, without buffers; see `start_helper`."""
+    stdin = subprocess.DEVNULL
     if with_input:
-        stdin = asyncio.subprocess.PIPE
-    return await asyncio.create_subprocess_exec(
-        *command,
+        stdin = subprocess.PIPE
+    return subprocess.Popen(
+        command,
+        bufsize=0,
         stdin=stdin,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         env=dict(environment),
         cwd=FOLDER,
         pass_fds=pass_fds,
         start_new_session=True,
-        limit=limit,
     )

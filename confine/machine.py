@@ -5,25 +5,70 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 _TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 #: Memory of all sockets of the machine below which single ones are not looked at, in pages.
 _NOTABLE_PAGES = 16 * 1024
 _TABLES = ("udp", "udp6", "tcp", "tcp6")
 _READ_BYTES = 64 * 1024
+#: Files with the times of the cores, and with the waits for them.
+CORES, WAITS = "/proc/stat", "/proc/pressure/cpu"
+#: A core and its times in the first of these files.
+_CORE = re.compile(rb"^cpu(\d+) (.*)", re.MULTILINE)
+#: Pages of all sockets of a kind, in a network's sums.
+_PAGES = re.compile(rb"^(?:UDP|TCP): .*\bmem (\d+)", re.MULTILINE)
+#: Most processes in a tree; a fork bomb may have more.
+_MOST_PROCESSES = 1000
 #: Longest wait for an idle machine, in s, and the largest share of time that its processes wait for a core.
 _MOST_WAIT_S, _CALM_SHARE = 10.0, 0.2
 #: Number of readings of both clocks, and the distance of two readings that is good enough.
 _READINGS, _AT_ONCE_NS = 5, 50_000
 
 
+class CounterFile:
+    """A file of the kernel's counters. It stays open, because opening takes longer than reading.
+
+    A failed reading closes it, for example after its control group was removed.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._descriptor = -1
+
+    def read(self) -> bytes:
+        """Return the text of the file; raises `OSError` if there is none."""
+        if self._descriptor < 0:
+            self._descriptor = os.open(self._path, os.O_RDONLY)
+        try:
+            return os.pread(self._descriptor, _READ_BYTES, 0)
+        except OSError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file; the next reading opens it again."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
 def waited_us() -> int | None:
     """Return the time since boot that some process waited for a core (PSI), in µs; None if the system does not tell."""
+    file = CounterFile(WAITS)
+    try:
+        return waited_us_in(file)
+    finally:
+        file.close()
+
+
+def waited_us_in(file: CounterFile) -> int | None:
+    """Return the time of `waited_us` from an open file."""
     with suppress(OSError, ValueError, IndexError):
-        return int(Path("/proc/pressure/cpu").read_text().split("total=", 1)[1].split()[0])
+        return int(file.read().split(b"total=", 1)[1].split()[0])
     return None
 
 
@@ -66,44 +111,65 @@ def read_clocks(
     return now_ns, lead_ns
 
 
-def idle_ns_of_cores() -> dict[str, int]:
-    """Return the idle time of each core since boot, in ns: waiting for a disk is idle too."""
-    return {core: times[3] + times[4] for core, times in _times_of_cores().items()}
+class CoreTimes(NamedTuple):
+    """Times of the machine's cores since boot, in ns.
+
+    `idle_ns` is the idle time of each core: waiting for a disk is idle too. `stolen_ns` is the time taken by the host of
+    a virtual machine from all of its cores.
+    """
+
+    idle_ns: dict[str, int]
+    stolen_ns: int
 
 
-def idle_s() -> float:
-    """Return the idle time of the machine's cores since boot, in s of one core, on average."""
-    idle_ns = idle_ns_of_cores()
-    return sum(idle_ns.values()) / 1e9 / max(1, len(idle_ns))
+def core_times_in(file: CounterFile) -> CoreTimes:
+    """Return the times in /proc/stat (proc(5): 3 idle, 4 waiting for a disk, 7 stolen), none if it cannot be read."""
+    idle_ns: dict[str, int] = {}
+    all_stolen_ns = 0
+    with suppress(OSError, ValueError, IndexError):
+        for core, text in _CORE.findall(file.read()):
+            ticks = text.split()
+            idle_ns[core.decode()] = (int(ticks[3]) + int(ticks[4])) * _TICK_NS
+            all_stolen_ns += int(ticks[7]) * _TICK_NS
+    return CoreTimes(idle_ns, all_stolen_ns)
+
+
+def _core_times() -> CoreTimes:
+    file = CounterFile(CORES)
+    try:
+        return core_times_in(file)
+    finally:
+        file.close()
 
 
 def stolen_ns() -> int:
     """Return the time taken by the host of a virtual machine from its cores since boot, in ns."""
-    return sum(times[7] for times in _times_of_cores().values())
+    return _core_times().stolen_ns
 
 
-def _times_of_cores() -> dict[str, list[int]]:
-    """Return the times of each core in /proc/stat (proc(5): 3 idle, 4 waiting for a disk, 7 stolen), in ns."""
-    with suppress(OSError, ValueError):
-        lines = re.findall(r"^cpu(\d+) (.*)", Path("/proc/stat").read_text(), re.MULTILINE)
-        return {core: [int(ticks) * _TICK_NS for ticks in times.split()] for core, times in lines}
-    return {}
+def idle_s() -> float:
+    """Return the idle time of the machine's cores since boot, in s of one core, on average."""
+    idle_ns = _core_times().idle_ns
+    return sum(idle_ns.values()) / 1e9 / max(1, len(idle_ns))
 
 
-def network_bytes(user: int | None = None) -> int:
-    """Return the bytes queued in the sockets of this process's network, or in the sockets of one user there.
+class NetworkMemory:
+    """The bytes queued in the sockets of this process's network, or in the sockets of one user there.
 
     All networks of a machine share the memory for these bytes, and no control group of version 1 counts it.
     """
-    with suppress(OSError):
-        pages = re.findall(
-            r"^(?:UDP|TCP): .*\bmem (\d+)",
-            read_bytes_of("/proc/net/sockstat").decode(),
-            re.MULTILINE,
-        )
-        if sum(map(int, pages)) < _NOTABLE_PAGES:
-            return 0
-    return sum(_queued(Path("/proc/net") / name, user) for name in _TABLES)
+
+    def __init__(self, user: int | None = None) -> None:
+        self._user = user
+        self._sums = CounterFile("/proc/net/sockstat")
+
+    def bytes(self) -> int:
+        """Return the present bytes."""
+        with suppress(OSError):
+            pages = _PAGES.findall(self._sums.read())
+            if sum(map(int, pages)) < _NOTABLE_PAGES:
+                return 0
+        return sum(_queued(Path("/proc/net") / name, self._user) for name in _TABLES)
 
 
 def _queued(table: Path, user: int | None) -> int:
@@ -135,8 +201,12 @@ def available_share() -> float:
 
 def children_of(pid: int) -> list[int]:
     """Return the process ids of the children of all of a process's threads."""
+    return _children_of_tasks(pid, tasks_of(pid))
+
+
+def _children_of_tasks(pid: int, tasks: Iterable[str]) -> list[int]:
     found: list[int] = []
-    for task in tasks_of(pid):
+    for task in tasks:
         with suppress(OSError, ValueError):
             found += map(int, read_bytes_of(f"/proc/{pid}/task/{task}/children").split())
     return found
@@ -144,20 +214,37 @@ def children_of(pid: int) -> list[int]:
 
 def descendants_of(pid: int) -> list[int]:
     """Return a process id and the ids of all descendants of the process."""
-    found: list[int] = []
+    return list(tasks_below(pid))
+
+
+def tasks_below(pid: int) -> dict[int, list[str]]:
+    """Return the thread ids of a process and of all its descendants, by process id."""
+    found: dict[int, list[str]] = {}
     queue = [pid]
-    while queue and len(found) < 1000:
+    while queue and len(found) < _MOST_PROCESSES:
         current = queue.pop()
-        found.append(current)
-        queue += children_of(current)
+        found[current] = tasks_of(current)
+        queue += _children_of_tasks(current, found[current])
     return found
 
 
-def cpu_with_children_ns(pid: int) -> int:
-    """Return the CPU time of a process and of its ended children, in ns."""
+def last_task() -> bytes:
+    """Return the id of the newest process or thread in this process's namespace.
+
+    While it is the same, none has begun, in namespaces below this one either.
+
+    References
+    ----------
+    The last field of `loadavg` in proc(5).
+    """
+    return read_bytes_of("/proc/loadavg").rpartition(b" ")[2]
+
+
+def cpu_of_children_ns(pid: int) -> int:
+    """Return the CPU time of a process's ended children, in ns."""
     with suppress(OSError, ValueError, IndexError):
         words = read_bytes_of(f"/proc/{pid}/stat").rpartition(b")")[2].split()
-        return sum(map(int, words[11:15])) * _TICK_NS
+        return sum(map(int, words[13:15])) * _TICK_NS
     return 0
 
 

@@ -44,6 +44,8 @@ class CpuWatch:
         self._runs: dict[str, ProcessRun] = {}
         #: Name -> ids of its processes that the watch has.
         self._known: dict[str, set[int]] = {}
+        #: Name -> the scheduling of its processes when it was last sent.
+        self._sent: dict[str, object] = {}
         self._calm_s: asyncio.Future[float] | None = None
 
     async def start(self) -> None:
@@ -68,6 +70,9 @@ class CpuWatch:
         run = process.run
         name = f"{run.name} {run.started_ns}"  # a program may be started twice
         self._runs[name] = run
+        scheduling = process.scheduling
+        if self._sent.get(name) == scheduling:
+            return
         known = self._known.setdefault(name, set())
         asked = {"name": name, "core": run.core, "is_confined": run.role == "student"}
         descriptors = []
@@ -75,15 +80,20 @@ class CpuWatch:
             with suppress(OSError):
                 descriptors.append(os.pidfd_open(pid))
         known.update(process.pids)
-        self._ask(asked, descriptors)
+        if self._ask(asked, descriptors):
+            self._sent[name] = scheduling
         for descriptor in descriptors:
             os.close(descriptor)
 
-    def _ask(self, asked: Mapping[str, object], descriptors: Sequence[int]) -> None:
-        """Send a request, unless the watch has ended or falls far behind."""
-        if self._requests is not None:
-            with suppress(OSError):
-                socket.send_fds(self._requests, [json.dumps(asked).encode()], descriptors)
+    def _ask(self, asked: Mapping[str, object], descriptors: Sequence[int]) -> bool:
+        """Send a request, and return whether it was sent: not if the watch has ended or falls far behind."""
+        if self._requests is None:
+            return False
+        try:
+            socket.send_fds(self._requests, [json.dumps(asked).encode()], descriptors)
+        except OSError:
+            return False
+        return True
 
     async def calm_s(self, since_ns: int) -> float:
         """Return the undisturbed time of the student's processes since a time, in s; inf if the watch does not answer."""

@@ -12,10 +12,11 @@ import os
 import runpy
 import signal
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from io import FileIO
 from typing import NoReturn
 
 from confine.limits import set_limit
@@ -25,6 +26,7 @@ from confine.namespaces import (
     name_process,
     open_descriptors,
 )
+from grader.live.process.piped import PipedProcess, write_pipe
 
 #: The longest message of a program, in bytes: a snapshot of a flooded graph.
 _LONGEST_LINE_BYTES = 64 * 2**20
@@ -47,35 +49,7 @@ def run_script(file: str, *arguments: str) -> None:
     runpy.run_path(file, run_name="__main__")
 
 
-class ForkedProcess:
-    """A fork, with the attributes of `asyncio.subprocess.Process` that a `RunningProcess` uses."""
-
-    def __init__(
-        self,
-        pid: int,
-        stdin: asyncio.StreamWriter,
-        stdout: asyncio.StreamReader,
-        stderr: asyncio.StreamReader,
-    ) -> None:
-        self.pid = pid
-        self.stdin, self.stdout, self.stderr = stdin, stdout, stderr
-        loop = asyncio.get_running_loop()
-        self._status: asyncio.Future[int] = loop.create_future()
-        threading.Thread(
-            target=self._reap, args=(loop,), name=f"waits for {pid}", daemon=True
-        ).start()
-
-    def _reap(self, loop: asyncio.AbstractEventLoop) -> None:
-        status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(self._status.set_result, status)
-
-    async def wait(self) -> int:
-        """Wait until it has ended, and return its exit status (negative: the signal that ended it)."""
-        return await asyncio.shield(self._status)
-
-
-async def start_forked(program: Program) -> ForkedProcess:
+async def start_forked(program: Program) -> PipedProcess:
     """Start a program as a fork in a session of its own, with pipes to it; it ends with this process."""
     stdin, to_it = os.pipe()
     from_it, stdout = os.pipe()
@@ -86,18 +60,13 @@ async def start_forked(program: Program) -> ForkedProcess:
         become(program, parent, (stdin, stdout, stderr))
     for descriptor in (stdin, stdout, stderr):
         os.close(descriptor)
-    writer = await _write_pipe(to_it)
-    return ForkedProcess(pid, writer, await read_pipe(from_it), await read_pipe(errors))
+    writer = await write_pipe(FileIO(to_it, "wb"))
+    return PipedProcess(pid, writer, FileIO(from_it), FileIO(errors), wait=partial(_wait_for, pid))
 
 
-async def _write_pipe(descriptor: int) -> asyncio.StreamWriter:
-    """Return a writer for a pipe, which closes it at the end."""
-    loop = asyncio.get_running_loop()
-    # The protocol of a reader knows when the pipe is full.
-    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())
-    pipe = os.fdopen(descriptor, "wb", 0)
-    transport, _ = await loop.connect_write_pipe(lambda: protocol, pipe)
-    return asyncio.StreamWriter(transport, protocol, None, loop)
+def _wait_for(pid: int) -> int:
+    _, status = os.waitpid(pid, 0)
+    return os.waitstatus_to_exitcode(status)
 
 
 async def read_pipe(descriptor: int) -> asyncio.StreamReader:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from confine.machine import idle_ns_of_cores, read_clocks, stolen_ns, waited_us
+from confine.machine import CORES, WAITS, CounterFile, core_times_in, read_clocks, waited_us_in
 from grader.recording.session import MachineSample
 
 
-def sample_machine() -> MachineSample:
-    """Read the machine's clocks, its stolen time, its waiting time and the idle time of its cores."""
-    now_ns, offset_ns = read_clocks()
-    idle_ns = idle_ns_of_cores()
-    return MachineSample(now_ns, offset_ns, stolen_ns(), waited_us(), idle_ns)
+class MachineSampler:
+    """Takes samples of the machine; its files stay open."""
+
+    def __init__(self) -> None:
+        self._cores = CounterFile(CORES)
+        self._waits = CounterFile(WAITS)
+
+    def sample(self, students_ns: int | None = None) -> MachineSample:
+        """Read the machine's clocks, its stolen time, its waiting time and the idle time of its cores.
+
+        `students_ns` is the CPU time of the student's processes.
+        """
+        now_ns, offset_ns = read_clocks()
+        idle_ns, stolen_ns = core_times_in(self._cores)
+        waited_us = waited_us_in(self._waits)
+        return MachineSample(now_ns, offset_ns, stolen_ns, waited_us, idle_ns, students_ns)

@@ -9,20 +9,17 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 from confine.helpers import run_helper, start_piped
-from confine.machine import (
-    children_of,
-    cpu_with_children_ns,
-    descendants_of,
-    read_bytes_of,
-    tasks_of,
-)
+from confine.machine import children_of, descendants_of
 from confine.priority import STANDING, put_in_real_time, put_standing
-from grader.live.process.forked import ForkedProcess, Program, start_forked
+from confine.program_usage import ProgramUsage
+from grader.live.process.forked import Program, start_forked
+from grader.live.process.piped import READ_BYTES, BlockReader, PipedProcess, write_pipe
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; further output is counted and dropped.
@@ -32,11 +29,12 @@ MAX_OUTPUT_LINES = 50_000
 MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
 MAX_LINE_BYTES = 8 * 1024
-_READ_BYTES = 64 * 1024
 #: A line that its first character read later, or the one before it, ends.
 _COMPLETE = re.compile(rb"[^\r\n][\r\n]\Z|\r[^\r\n]\Z")
 #: End of a line; a carriage return at the end of a block may be followed by a line feed.
 _LINE_END = re.compile(rb"\r?\n|\r(?!\n|\Z)")
+#: Longest message of a program of the grader's, in bytes: a snapshot of a flooded graph.
+_LONGEST_MESSAGE_BYTES = 64 * 2**20
 #: Time between SIGINT, SIGTERM and SIGKILL.
 _TERMINATE_GRACE_S = 1.0
 #: Time to read the last output after the exit of a process, on a busy machine.
@@ -72,7 +70,7 @@ class RunningProcess:
     def __init__(
         self,
         run: ProcessRun,
-        process: asyncio.subprocess.Process | ForkedProcess,
+        process: PipedProcess,
         child_pid_fd: int | None,
         on_message: Callable[[bytes], None] | None,
         room: OutputRoom,
@@ -82,22 +80,18 @@ class RunningProcess:
         self._child_pid_fd = child_pid_fd
         self._sandbox_info = b""
         self._sandbox_pid: int | None = None
-        #: Thread id -> CPU time and delay in ns; threads that have ended stay.
-        self._usage: dict[int, tuple[int, int]] = {}
-        #: Ids of its processes at the last sample.
-        self.pids: list[int] = []
+        self._usage = ProgramUsage()
+        #: Its nice value, and the threads that have it.
+        self._stands: tuple[int, int] | None = None
         self._kept = self._written = 0
         self._room = room
         self._said = asyncio.Event()
-        assert process.stdout is not None
-        assert process.stderr is not None
-        if on_message is None:
-            output = self._read(process.stdout, "stdout")
-        else:
-            output = _hear(process.stdout, on_message)
+        take_output: Callable[[bytes], None] = partial(self._take, _Stream("stdout"))
+        if on_message is not None:
+            take_output = _Messages(on_message).take
         self._readers = [
-            asyncio.create_task(output),
-            asyncio.create_task(self._read(process.stderr, "stderr")),
+            BlockReader(process.stdout, take_output),
+            BlockReader(process.stderr, partial(self._take, _Stream("stderr"))),
         ]
         self.exited = asyncio.create_task(self._wait())
 
@@ -115,12 +109,16 @@ class RunningProcess:
     ) -> RunningProcess:
         """Start a process in a process group of its own, with SIGINT at its default."""
         run.started_ns = time.time_ns()
-        process = await start_piped(
-            argv,
-            environment=environment,
-            pass_fds=pass_fds,
-            with_input=with_input,
-            limit=_READ_BYTES,
+        started = start_piped(
+            argv, environment=environment, pass_fds=pass_fds, with_input=with_input
+        )
+        assert started.stdout is not None
+        assert started.stderr is not None
+        stdin = None
+        if started.stdin is not None:
+            stdin = await write_pipe(started.stdin)
+        process = PipedProcess(
+            started.pid, stdin, started.stdout, started.stderr, wait=started.wait
         )
         return cls(run, process, child_pid_fd, None, room or OutputRoom())
 
@@ -146,31 +144,25 @@ class RunningProcess:
             if last:
                 self._process.stdin.close()
 
-    async def _read(self, stream: asyncio.StreamReader, name: str) -> None:
-        rest, rest_ns = b"", 0
-        while block := await stream.read(_READ_BYTES):
-            now = time.time_ns()
-            self._written += len(block)
-            if self._written > MAX_FLOOD_BYTES:
-                self.run.limit = "output"
-                self._end_group()
-            if len(self.run.output) >= MAX_OUTPUT_LINES or not self._room.lines:
-                self.run.output_dropped_bytes += len(rest) + len(block)
-                rest = b""
-                continue
-            # The first line may have been complete before, as is a status line that begins with a carriage return.
+    def _take(self, stream: _Stream, block: bytes) -> None:
+        """Take a block of an output, empty at its end, and keep its lines."""
+        now = time.time_ns()
+        if not block:
+            if stream.rest:
+                self._keep(stream.rest_ns, stream.name, stream.rest.rstrip(b"\r"))
+            return
+        self._written += len(block)
+        if self._written > MAX_FLOOD_BYTES:
+            self.run.limit = "output"
+            self._end_group()
+        if len(self.run.output) >= MAX_OUTPUT_LINES or not self._room.lines:
+            self.run.output_dropped_bytes += len(stream.rest) + len(block)
+            stream.rest = b""
+            return
+        first_ns = stream.begun_ns(block, now)
+        for line in stream.split(block, now):
+            self._keep(first_ns, stream.name, line)
             first_ns = now
-            if _COMPLETE.search(rest + block[:1]):
-                first_ns = rest_ns
-            *lines, rest = _LINE_END.split(rest + block)
-            if len(rest) > MAX_LINE_BYTES:
-                lines, rest = [*lines, rest], b""
-            for line in lines:
-                self._keep(first_ns, name, line)
-                first_ns = now
-            rest_ns = now
-        if rest:
-            self._keep(rest_ns, name, rest.rstrip(b"\r"))
 
     def _keep(self, t_ns: int, stream: str, line: bytes) -> None:
         cut = line[:MAX_LINE_BYTES]
@@ -188,9 +180,10 @@ class RunningProcess:
         self.run.exited_ns = time.time_ns()
         self.run.exit_status = status
         # A grandchild may hold the pipes open; its later output is not waited for.
-        await asyncio.wait(self._readers, timeout=_LAST_OUTPUT_S)
+        ends = [reader.ended for reader in self._readers]
+        await asyncio.wait(ends, timeout=_LAST_OUTPUT_S)
         for reader in self._readers:
-            reader.cancel()
+            reader.stop()
         self._note_last_usage()
         # A launch file may start more programs than the grader may have files open.
         if self._child_pid_fd is not None:
@@ -291,9 +284,30 @@ class RunningProcess:
 
     def put_standing(self, nice: int = STANDING) -> None:
         """Let it go before processes that are still starting, because its timing counts from now on."""
-        put_standing(self.descendants(), nice)
+        stands = (nice, self._find())
+        if stands == self._stands:
+            return
+        self._stands = stands
+        put_standing(self.pids, nice)
         if self.run.role != "student":
-            put_in_real_time(self.descendants())
+            put_in_real_time(self.pids)
+
+    def _find(self) -> int:
+        """Find its present processes and threads, and return a number that changes with them."""
+        root = self.root_pid()
+        if root is not None:
+            self._usage.find(root)
+        return self._usage.searches
+
+    @property
+    def pids(self) -> list[int]:
+        """Ids of its processes at the last look."""
+        return list(self._usage.tasks)
+
+    @property
+    def scheduling(self) -> object:
+        """Value that changes with its processes and threads, their priority or their core."""
+        return self._usage.searches, self._stands, self.run.core
 
     def hold_to_core(self, core: int, user: int | None) -> None:
         """Let all its present and future threads run on one core only.
@@ -302,9 +316,10 @@ class RunningProcess:
         MultiThreadedExecutor was seen to handle 27 of 400 messages on two cores, and 400 of 400 on one. It is done once
         the node stands, and has seen all cores. `user` is a user id of its own.
         """
-        for pid in self.descendants():
+        self._find()
+        for pid, tids in self._usage.tasks.items():
             try:
-                _hold(pid, core)
+                _hold(tids, core)
             except PermissionError:
                 if user is not None:
                     _hold_as_user(pid, core, user)
@@ -321,21 +336,13 @@ class RunningProcess:
         root = self.root_pid()
         if root is None or not self.alive:
             return
-        pids = descendants_of(root)
-        now: dict[int, tuple[int, int]] = {}
-        for pid in pids:
-            now.update(_scheduling_of(pid))
-        self._usage.update(now)
-        self.pids = pids
-        if not self._usage:  # The process ended before the first sample.
+        self._usage.look(root)
+        if not self._usage.times:  # The process ended before the first sample.
             return
-        # Children that came and went between two samples are in the times of the processes that waited for them.
-        cpu_ns = sum(map(cpu_with_children_ns, pids))
-        cpu_ns = max(cpu_ns, sum(cpu_ns for cpu_ns, _ in self._usage.values()))
-        delay_ns = sum(delay_ns for _, delay_ns in self._usage.values())
+        cpu_ns = self._usage.cpu_ns
         if self.run.usage:
             cpu_ns = max(cpu_ns, self.run.usage[-1].cpu_ns)
-        self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
+        self.run.usage.append(Usage(time.time_ns(), cpu_ns, self._usage.delay_ns))
 
     def delay_by_others_s(self) -> float:
         """Return the longest time that one of its threads surely waited for a core because of other programs, in s.
@@ -346,7 +353,7 @@ class RunningProcess:
         if self.run.usage:
             cpu_ns = self.run.usage[-1].cpu_ns
         longest_ns = 0
-        for thread_cpu_ns, delay_ns in self._usage.values():
+        for thread_cpu_ns, delay_ns in self._usage.times.values():
             by_others_ns = delay_ns - (cpu_ns - thread_cpu_ns)
             longest_ns = max(longest_ns, by_others_ns)
         return longest_ns / 1e9
@@ -386,7 +393,7 @@ class PipeReader:
 
     def _read(self) -> None:
         with suppress(BlockingIOError):
-            block = os.read(self._fd, _READ_BYTES)
+            block = os.read(self._fd, READ_BYTES)
             self._data += block
             # A program that writes beyond the limit gets an error, and keeps no reader busy.
             if not block or len(self._data) >= self._limit:
@@ -403,7 +410,7 @@ class PipeReader:
         if self._fd < 0:
             return
         with suppress(BlockingIOError):
-            while len(self._data) < self._limit and (block := os.read(self._fd, _READ_BYTES)):
+            while len(self._data) < self._limit and (block := os.read(self._fd, READ_BYTES)):
                 self._data += block
         asyncio.get_running_loop().remove_reader(self._fd)
         os.close(self._fd)
@@ -411,16 +418,74 @@ class PipeReader:
         self._on_end(self._data.decode("utf-8", "replace"))
 
 
-async def _hear(stream: asyncio.StreamReader, on_message: Callable[[bytes], None]) -> None:
-    async for line in stream:
-        on_message(line)
+class _Stream:
+    """An output of a process, cut into lines."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        #: The unfinished last line, and the time of its last block.
+        self.rest = b""
+        self.rest_ns = 0
+
+    def begun_ns(self, block: bytes, now_ns: int) -> int:
+        """Return the time of a block's first line.
+
+        The line may have been complete before, as is a status line that begins with a carriage return.
+        """
+        if not self.rest:
+            return now_ns
+        if _COMPLETE.search(self.rest + block[:1]):
+            return self.rest_ns
+        return now_ns
+
+    def split(self, block: bytes, now_ns: int) -> list[bytes]:
+        """Return the lines completed by a block."""
+        *lines, self.rest = _LINE_END.split(self.rest + block)
+        self.rest_ns = now_ns
+        if len(self.rest) > MAX_LINE_BYTES:
+            lines.append(self.rest)
+            self.rest = b""
+        return lines
 
 
-def _hold(pid: int, core: int) -> None:
-    """Hold all threads of a process to a core, or raise `PermissionError`."""
-    for task in tasks_of(pid):
+class _Messages:
+    """The messages of a program of the grader, a line each."""
+
+    def __init__(self, on_message: Callable[[bytes], None]) -> None:
+        self._on_message = on_message
+        self._parts: list[bytes] = []
+        self._length = 0
+
+    def take(self, block: bytes) -> None:
+        """Take a block, empty at the end, and hand on the messages completed by it."""
+        *ends, rest = block.split(b"\n")
+        for end in ends:
+            self._hand_on(end)
+        if rest:
+            self._parts.append(rest)
+            self._length += len(rest)
+        if self._length > _LONGEST_MESSAGE_BYTES:
+            self._parts.clear()
+            raise ValueError("a program of the grader's sent a message without end")
+        if not block:
+            self._end()
+
+    def _end(self) -> None:
+        if self._parts:
+            self._hand_on(b"")
+
+    def _hand_on(self, end: bytes) -> None:
+        message = b"".join([*self._parts, end])
+        self._parts.clear()
+        self._length = 0
+        self._on_message(message)
+
+
+def _hold(tids: Iterable[int], core: int) -> None:
+    """Hold threads to a core, or raise `PermissionError`."""
+    for tid in tids:
         with suppress(ProcessLookupError):
-            os.sched_setaffinity(int(task), {core})
+            os.sched_setaffinity(tid, {core})
 
 
 def _hold_as_user(pid: int, core: int, user: int) -> None:
@@ -429,13 +494,3 @@ def _hold_as_user(pid: int, core: int, user: int) -> None:
     command = [*become, "taskset", "--all-tasks", "--cpu-list", "--pid", str(core), str(pid)]
     with suppress(OSError, subprocess.TimeoutExpired):
         run_helper(command, timeout_s=_HOLD_S)
-
-
-def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:
-    """Return (CPU time, run-queue delay) in ns for each of a process's threads, by thread id."""
-    found = {}
-    for task in tasks_of(pid):
-        with suppress(OSError, ValueError, IndexError):
-            words = read_bytes_of(f"/proc/{pid}/task/{task}/schedstat").split()
-            found[int(task)] = (int(words[0]), int(words[1]))
-    return found

@@ -12,10 +12,10 @@ import secrets
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -145,22 +145,48 @@ def qos_of(profile: QoSProfile) -> Qos:
     )
 
 
+class TopicGlance(NamedTuple):
+    """The types of a topic, and the numbers of its publishers and subscriptions."""
+
+    types: list[str]
+    publishers: int
+    subscriptions: int
+
+
 class Endpoints:
     """The endpoints of topics as one node sees them, built anew only for topics with a changed report.
 
     A report is a list of dictionaries, as rclpy makes endpoint information of it. Building all endpoints takes five
-    times as long as comparing the reports.
+    times as long as comparing the reports. A report takes twenty times as long as a glance.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         #: Topic -> its last reports, and their endpoints.
         self._known: dict[str, tuple[object, list[Endpoint]]] = {}
+        #: Topic -> the glance before its last reports.
+        self._glances: dict[str, TopicGlance | None] = {}
 
     def keep(self, topics: Collection[str]) -> None:
         """Forget all other topics."""
         for name in self._known.keys() - topics:
             del self._known[name]
+            self._glances.pop(name, None)
+
+    def forget_glances(self) -> None:
+        """Ask for all endpoints again."""
+        self._glances.clear()
+
+    def after(self, topic: str, glance: TopicGlance | None) -> list[Endpoint]:
+        """Return the endpoints of a topic; the known ones while a glance at it is the same."""
+        before = self._glances.get(topic)
+        if glance is None or glance != before:
+            self._glances[topic] = glance
+            return self.of(topic)
+        _, endpoints = self._known[topic]
+        if _are_names_missing(endpoints):
+            return self.of(topic)
+        return endpoints
 
     def of(self, topic: str) -> list[Endpoint]:
         """Return the endpoints of a topic, publishers first."""
@@ -184,6 +210,11 @@ class Endpoints:
             return _readable(partial(ask, handle, topic, False), [])
 
 
+def _are_names_missing(endpoints: Iterable[Endpoint]) -> bool:
+    """Return whether names of nodes are on their way, which a glance would not show."""
+    return any(UNKNOWN_NODE in endpoint.node for endpoint in endpoints)
+
+
 def _endpoint(topic: str, info: TopicEndpointInfo) -> Endpoint:
     """Return the endpoint of a topic that rclpy describes."""
     return Endpoint(
@@ -203,16 +234,17 @@ def snapshot(
     first: Collection[str],
     before: GraphSnapshot,
     endpoints: Endpoints,
+    glances: Mapping[str, TopicGlance],
 ) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process with the prefix `own_prefix`.
 
     Among too many topics, the topics in `first` are looked at before all others. If names cannot be read, the names of
-    the snapshot `before` stand in.
+    the snapshot `before` stand in. The endpoints of topics with the same glance as before are not asked for.
     """
     taken = GraphSnapshot(time.time_ns())
     names = _node_names(node, before)
     topics = _topics_to_look_at(node, first, before)
-    taken.endpoints = _student_endpoints(endpoints, topics, own_prefix)
+    taken.endpoints = _student_endpoints(endpoints, topics, own_prefix, glances)
     # Nodes are told apart by their names alone. In the grader's namespace, those with endpoints of others are kept.
     others = {endpoint.node for endpoint in taken.endpoints}
     kept = [full for full in names if not is_reserved(full) or full in others]
@@ -242,13 +274,19 @@ def _topics_to_look_at(node: Node, first: Collection[str], before: GraphSnapshot
     return topics[:MAX_TOPICS]
 
 
-def _student_endpoints(known: Endpoints, topics: list[str], own_prefix: str) -> list[Endpoint]:
+def _student_endpoints(
+    known: Endpoints,
+    topics: list[str],
+    own_prefix: str,
+    glances: Mapping[str, TopicGlance],
+) -> list[Endpoint]:
     known.keep(topics)
     endpoints: list[Endpoint] = []
     for topic in topics:
         if len(endpoints) >= MAX_ENDPOINTS:
             break
-        endpoints += [each for each in known.of(topic) if not each.gid.startswith(own_prefix)]
+        found = known.after(topic, glances.get(topic))
+        endpoints += [each for each in found if not each.gid.startswith(own_prefix)]
     return sorted(endpoints[:MAX_ENDPOINTS], key=lambda each: (each.topic, each.kind, each.gid))
 
 
@@ -264,20 +302,29 @@ def _services_of_namesakes(node: Node, taken: GraphSnapshot) -> list[ServiceEndp
     return services
 
 
-def _glance(node: Node) -> object:
-    """Return the facts of the graph that cost a tenth of a snapshot: names, types, numbers of endpoints."""
+class Glance(NamedTuple):
+    """The facts of the graph that cost a tenth of a snapshot: names, types, numbers of endpoints."""
+
+    nodes: list[tuple[str, str]]
+    topics: dict[str, TopicGlance]
+    #: Names of further topics.
+    more: list[str]
+    services: list[tuple[str, list[str]]]
+
+
+def _glance(node: Node) -> Glance:
+    """Glance at the graph."""
     topics = _topics(node, ())
-    handle, names = node.handle, [name for name, _ in topics[:MAX_TOPICS]]
+    handle = node.handle
+    glances = {}
     with handle:
-        counts = [
-            (handle.get_count_publishers(name), handle.get_count_subscribers(name))
-            for name in names
-        ]
-    nodes, services = (
-        _readable(ask, [])
-        for ask in (node.get_node_names_and_namespaces, node.get_service_names_and_types)
-    )
-    return nodes, topics, counts, services
+        for name, types in topics[:MAX_TOPICS]:
+            publishers = handle.get_count_publishers(name)
+            subscriptions = handle.get_count_subscribers(name)
+            glances[name] = TopicGlance(types, publishers, subscriptions)
+    nodes = _readable(node.get_node_names_and_namespaces, [])
+    services = _readable(node.get_service_names_and_types, [])
+    return Glance(nodes, glances, [name for name, _ in topics[MAX_TOPICS:]], services)
 
 
 def _services_of(
@@ -332,8 +379,10 @@ class GraphWatch:
 
     #: Shortest time between two glances at the graph, in s.
     PERIOD_S = 0.04
-    #: Time between close looks although nothing seems to have changed, in s.
+    #: Time to a close look after a change that no glance shows, in s.
     CLOSELY_S = 0.5
+    #: Time between close looks although the middleware tells of no change, in s.
+    SELDOM_S = 2.0
     #: Longest wait, in s: shorter than a stall of the grader, see `Deadline`.
     _WAIT_S = 0.2
     #: A hostile student can change the graph without end; after so many snapshots, or so much in them, only the
@@ -347,12 +396,16 @@ class GraphWatch:
         self.first = first
         self.own_prefix = gid_prefix_of(node)
         self._on_change = on_change
-        self._next_s = self._closely_s = 0.0
-        self._glance: object = None
+        self._next_s = 0.0
+        #: Time of the last close look.
+        self._closely_s = -self.SELDOM_S
+        self._glance: Glance | None = None
         self._changes = self._entries = 0
         self._endpoints = Endpoints(node)
         self._events = GraphEvents(node)
         self._has_changed = True
+        #: Set by a change since the last close look.
+        self._is_unseen = True
         self.last = GraphSnapshot(0)
 
     def call(self) -> None:
@@ -380,17 +433,25 @@ class GraphWatch:
 
     def _look(self, *, now: bool) -> GraphSnapshot:
         now_s = time.monotonic()
-        if not any((now, self._has_changed, now_s >= self._closely_s)):
+        is_close = now
+        if not is_close:
+            is_close = self._is_close_look_due(now_s)
+        if not any((is_close, self._has_changed)):
             return self.last
         self._next_s = now_s + self.PERIOD_S
+        self._is_unseen = True
         self._has_changed = False
         glance = _glance(self._node)
-        # While the names of nodes are on their way, a glance would not show when they come.
-        settled = not any(UNKNOWN_NODE in endpoint.node for endpoint in self.last.endpoints)
-        if not now and settled and glance == self._glance and now_s < self._closely_s:
+        if glance == self._glance and not any((is_close, self._are_names_missing())):
             return self.last
-        self._glance, self._closely_s = glance, now_s + self.CLOSELY_S
-        taken = snapshot(self._node, self.own_prefix, self.first, self.last, self._endpoints)
+        self._glance = glance
+        if is_close:
+            self._endpoints.forget_glances()
+            self._closely_s = now_s
+            self._is_unseen = False
+        taken = snapshot(
+            self._node, self.own_prefix, self.first, self.last, self._endpoints, glance.topics
+        )
         if not self._changes or taken != replace(self.last, t_ns=taken.t_ns):
             self.last = taken
             self._changes += 1
@@ -400,6 +461,17 @@ class GraphWatch:
             if not self._too_much:
                 self._on_change(taken)
         return self.last
+
+    def _is_close_look_due(self, now_s: float) -> bool:
+        """Return whether the graph is to be looked at whatever a glance shows."""
+        period_s = self.SELDOM_S
+        if any((self._has_changed, self._is_unseen, self._are_names_missing())):
+            period_s = self.CLOSELY_S
+        return now_s - self._closely_s >= period_s
+
+    def _are_names_missing(self) -> bool:
+        """Return whether names of nodes are on their way."""
+        return _are_names_missing(self.last.endpoints)
 
     def close(self) -> None:
         """Hand on how the graph is at the end."""

@@ -28,10 +28,10 @@ from grader.recording.session import (
 from ros_bag.qos import Qos
 from ros_bag.writing import BagWriter
 
-#: Time in s that a spin takes at most.
-_SPIN_S = 0.01
 #: Longest time in s between two looks at a condition.
 _LOOK_S = 0.02
+#: The same for a condition on the graph alone: its changes end a wait.
+_LOOK_AT_GRAPH_S = 0.1
 #: Time in s that a publisher of the grader waits for the subscriptions of the student and of the recorder.
 MATCH_S = 3.0
 #: Time in s that a service may take to come up, or to answer after it left a call unanswered.
@@ -106,15 +106,21 @@ class Probe:
 
     def spin(self) -> None:
         """Take answers to the node's own calls, and look at the graph."""
-        self._executor.spin_once(timeout_sec=_SPIN_S)
+        self._executor.spin_once(timeout_sec=_LOOK_S)
         self.watch.look()
 
     def until(
-        self, condition: Callable[[], object], timeout_s: float, *, spins: bool = False
+        self,
+        condition: Callable[[], object],
+        timeout_s: float,
+        *,
+        spins: bool = False,
+        look_s: float = _LOOK_S,
     ) -> bool:
         """Wait for a condition, and return whether it came true in time; raises Cancelled.
 
         Only answers to calls of this node need `spins`, which costs some thirty times as much as a wait without.
+        The condition is looked at after `look_s` at the latest.
         """
         deadline = Deadline(timeout_s)
         while not condition():
@@ -125,7 +131,7 @@ class Probe:
             if spins:
                 self.spin()
             else:
-                self.watch.wait(min(_LOOK_S, deadline.left_s))
+                self.watch.wait(min(look_s, deadline.left_s))
         return True
 
     def wait(self, time_s: float) -> None:
@@ -136,7 +142,17 @@ class Probe:
                 raise Cancelled
             self.watch.wait(deadline.left_s)
 
-    def until_up(self, name: str, condition: Callable[[], object], timeout_s: float) -> bool:
+    def until_in_graph(self, name: str, condition: Callable[[], object], timeout_s: float) -> bool:
+        """Wait as `until_up` does for a condition on the last snapshot of the graph alone."""
+        return self.until_up(name, condition, timeout_s, _LOOK_AT_GRAPH_S)
+
+    def until_up(
+        self,
+        name: str,
+        condition: Callable[[], object],
+        timeout_s: float,
+        look_s: float = _LOOK_S,
+    ) -> bool:
         """Wait for something in the graph; briefly if the same wait failed and nothing has changed since."""
         wanted = (name, self.processes)
         again = Deadline(_AGAIN_S)
@@ -144,7 +160,7 @@ class Probe:
         def is_over() -> object:
             return condition() or (wanted in self._missing and again.passed())
 
-        self.until(is_over, timeout_s)
+        self.until(is_over, timeout_s, look_s=look_s)
         is_up = bool(condition())
         if not is_up:
             self._missing.add(wanted)

@@ -43,6 +43,8 @@ _REFERENCE_END_S = 2.0
 _AFTER_EXIT_S = 0.3
 #: Processes below this share of a core get a higher priority during a measurement. A working node uses half as much.
 _MODEST = 0.3
+#: Looks at a process's sockets after a change of its threads, one a sample.
+_LOOKS_FOR_SOCKETS = 2
 
 
 def _is_of_start(line: str) -> bool:
@@ -77,6 +79,8 @@ class Programs:
         self.links: list[asyncio.Task[ProcessRun]] = []
         self._linked: list[RunningProcess] = []
         self._filter = rtps_filter()
+        #: Process of the grader -> its scheduling, and the number of looks at its sockets since then.
+        self._protected: dict[RunningProcess, tuple[object, int]] = {}
 
     # -- the grader's own processes -----------------------------------------------------------
 
@@ -190,7 +194,16 @@ class Programs:
         self._look_at(*self.sandbox.students(), *self.sandbox.trusted, *self._linked)
         for process in self.sandbox.trusted:
             if process.alive:
-                self._filter.protect(process.root_pid() or 0)
+                self._protect_new(process)
+
+    def _protect_new(self, process: RunningProcess) -> None:
+        """Protect the new sockets of a process: they come with new threads, or soon after."""
+        scheduling, looks = self._protected.get(process, (None, 0))
+        if process.scheduling != scheduling:
+            looks = 0
+        if looks < _LOOKS_FOR_SOCKETS:
+            self._filter.protect(process.root_pid() or 0)
+        self._protected[process] = (process.scheduling, looks + 1)
 
     def _look_at(self, *processes: RunningProcess) -> None:
         is_measured = self._measures()

@@ -12,12 +12,11 @@ import signal
 import socket
 import time
 from contextlib import suppress
-from dataclasses import replace
 
 from confine.priority import put_self_first
 from grader.errors import without_temporary_names
 from grader.live.process.cpu_watch import CpuWatch
-from grader.live.process.machine_sample import sample_machine
+from grader.live.process.machine_sample import MachineSampler
 from grader.live.process.waiting import within
 from grader.live.session.plan import SessionPlan
 from grader.live.session.programs import Programs
@@ -71,10 +70,11 @@ class Session:
             watcher.cancel()
 
     async def _sample(self) -> None:
+        machine = MachineSampler()
         while True:
             await asyncio.sleep(_SAMPLE_PERIOD_S)
             students_ns = self._programs.sandbox.cpu_ns()
-            self._record.machine.append(replace(sample_machine(), students_ns=students_ns))
+            self._record.machine.append(machine.sample(students_ns))
             self._programs.sample()
 
     async def _run_steps(self) -> None:

@@ -28,7 +28,7 @@ async def run():
     process = await start_forked(Program("a fork", main, {{"ONLY": "this"}}, {limit}))
     process.stdin.write(b"a line\\n")
     process.stdin.close()
-    said, errors = await process.stdout.read(), await process.stderr.read()
+    said, errors = await asyncio.to_thread(process.stdout.read), await asyncio.to_thread(process.stderr.read)
     print(await process.wait(), said.decode(), errors.decode()[-500:], sep="|", end="")
 
 asyncio.run(run())
@@ -117,7 +117,7 @@ told = 2
         limit=None,
     ).replace(
         "said, errors =",
-        "print((await process.stderr.read(9)).decode(), flush=True); said, errors =",
+        "print(process.stderr.read(9).decode(), flush=True); said, errors =",
     )
     with subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Empty
 
-from grader.live.ros_node.graph import Endpoints, GraphWatch, interface_named
+from grader.live.ros_node.graph import Endpoints, GraphWatch, TopicGlance, interface_named
 from grader.recording.session import GraphSnapshot
 from tests.reference.live_graph import use_private_graph
 
@@ -82,7 +82,7 @@ def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_hande
 class _PatientWatch(GraphWatch):
     """Never looks unless it is told that the graph has changed."""
 
-    CLOSELY_S = 1000.0
+    CLOSELY_S = SELDOM_S = 1000.0
     _WAIT_S = 30.0
 
 
@@ -142,6 +142,59 @@ def test_endpoints_are_built_anew_if_their_report_changed(node: Node) -> None:
     known = endpoints.of("/it")
     endpoints.keep([])
     assert endpoints.of("/it") is not known
+
+
+class _TrustingWatch(GraphWatch):
+    """Looks closely after changes alone."""
+
+    SELDOM_S = 1000.0
+
+
+def test_a_change_that_no_glance_shows_is_found_soon(node: Node) -> None:
+    """A publisher that takes the place of another one between two glances is in a snapshot half a second later."""
+    watch = _TrustingWatch(node, lambda graph: None, set())
+    watch.own_prefix = "none"  # Its own endpoints are looked at.
+
+    def until(reliabilities: list[str]) -> float:
+        begun_s = time.monotonic()
+        while offered_on("/it", watch.look()) != reliabilities:
+            assert time.monotonic() < begun_s + 20
+            time.sleep(0.005)
+        return time.monotonic() - begun_s
+
+    first = node.create_publisher(Empty, "/it", 1)
+    until(["reliable"])
+    while quiet_for_s(watch, 0.2) < 0.2:
+        pass
+    watch.look(now=True)
+    node.destroy_publisher(first)
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    node.create_publisher(Empty, "/it", best_effort)
+    assert until(["best_effort"]) < 5
+
+
+def offered_on(topic: str, graph: GraphSnapshot) -> list[str]:
+    """Return the reliabilities of the publishers on a topic."""
+    return [each.qos.reliability for each in graph.endpoints if each.topic == topic]
+
+
+def test_endpoints_are_asked_for_if_a_glance_changed(node: Node) -> None:
+    """The endpoints of a topic are the known ones while a glance at it is the same, and until all are asked for."""
+    endpoints = Endpoints(node)
+    one = TopicGlance(["std_msgs/msg/Empty"], 1, 0)
+    assert endpoints.after("/it", one) == []
+    node.create_publisher(Empty, "/it", 1)
+    end_s = time.monotonic() + 20
+    while not Endpoints(node).of("/it"):
+        assert time.monotonic() < end_s
+    assert endpoints.after("/it", one) == []
+    assert len(endpoints.after("/it", one._replace(publishers=2))) == 1
+    node.create_publisher(Empty, "/it", 1)
+    while len(Endpoints(node).of("/it")) < 2:
+        assert time.monotonic() < end_s
+    assert len(endpoints.after("/it", one._replace(publishers=2))) == 1
+    endpoints.forget_glances()
+    assert len(endpoints.after("/it", one._replace(publishers=2))) == 2
 
 
 @pytest.mark.parametrize(

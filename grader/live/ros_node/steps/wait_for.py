@@ -21,7 +21,7 @@ def wait_for(probe: Probe, step: WaitForStep) -> Answer:
     """Wait for something in the graph, and note the name that the student uses for it."""
     search = _Search(probe, step)
     started_s = time.monotonic()
-    is_there = probe.until_up(search.wanted, search.found, step.timeout_s)
+    is_there = probe.until_in_graph(search.wanted, search.found, step.timeout_s)
     waited_s = round(time.monotonic() - started_s, 3)
     if not is_there:
         names = sorted({candidate.name for candidate in search.candidates()})

@@ -1,0 +1,126 @@
+"""CPU times of a program, looked at again and again as the first process of a sandbox, against the kernel's sums."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+FORM = "ROOT" if os.geteuid() == 0 else "USER"
+#: Begins a step at each line of its input, and answers as soon as it is done.
+STEPS = """
+import hashlib, os, sys, threading, time
+block = bytes(2**18)
+def compute(until_s):
+    while time.thread_time() < until_s:
+        hashlib.sha256(block)
+go = threading.Event()
+def later():
+    compute(0.03)
+    go.wait()
+    compute(0.13)
+    time.sleep(600)
+def child(then):
+    compute(0.1)
+    then()
+late = threading.Thread(target=later, daemon=True)
+for step in sys.stdin:
+    if step == "threads\\n":
+        late.start()
+        for _ in range(8):
+            threading.Thread(target=time.sleep, args=(600,), daemon=True).start()
+        time.sleep(0.2)
+    elif step == "one thread\\n":
+        go.set()
+        time.sleep(0.4)
+    elif step == "ended thread\\n":
+        thread = threading.Thread(target=compute, args=(0.1,))
+        thread.start()
+        thread.join()
+    elif step == "child\\n":
+        kept = os.fork()
+        if kept == 0:
+            child(lambda: time.sleep(600))
+        time.sleep(0.4)
+    elif step == "ended child\\n":
+        os.kill(kept, 9)
+        os.wait()
+        if os.fork() == 0:
+            child(lambda: os._exit(0))
+        os.wait()
+    print(step, flush=True)
+"""
+#: Looks at the program before and after each step, and prints the step, the CPU time and the searches in it.
+LOOKS = """
+import json, os, subprocess, sys, time
+from confine.namespaces import Form, enter_sandbox
+from confine.program_usage import ProgramUsage
+from confine.machine import tasks_of
+
+enter_sandbox(Form.{form})
+program = subprocess.Popen(
+    [sys.executable, "-c", {steps!r}], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+)
+usage = ProgramUsage()
+
+def step(name):
+    program.stdin.write(name + "\\n")
+    program.stdin.flush()
+    said = program.stdout.readline()
+    program.stdout.readline()
+    return said
+
+step("nothing")
+for name in {names}:
+    usage.look(program.pid)
+    before_ns, searches = usage.cpu_ns, usage.searches
+    step(name)
+    usage.look(program.pid)
+    own = {{tid: usage.times[tid] for tids in usage.tasks.values() for tid in tids}}
+    read = {{}}
+    for tid in own:
+        with open(f"/proc/{{tid}}/schedstat") as file:
+            read[tid] = tuple(map(int, file.read().split()[:2]))
+    found = {{
+        "name": name,
+        "used_s": (usage.cpu_ns - before_ns) / 1e9,
+        "searches": usage.searches - searches,
+        "missed_s": max(abs(read[tid][0] - own[tid][0]) for tid in own) / 1e9,
+        "threads": len(own),
+    }}
+    print(json.dumps(found))
+program.kill()
+"""
+
+
+def looks(*names: str) -> list[dict[str, Any]]:
+    """Return the findings of looks before and after steps of the program."""
+    program = LOOKS.format(form=FORM, steps=STEPS, names=names)
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    if "unshare" in run.stderr:
+        pytest.skip(f"no namespaces here: {run.stderr.strip().splitlines()[-1]}")
+    assert run.returncode == 0, run.stderr
+    return [json.loads(line) for line in run.stdout.splitlines()]
+
+
+def test_each_use_of_cpu_time_is_found() -> None:
+    """A look finds the CPU time of threads and children, also of those that ended in between."""
+    names = ("threads", "one thread", "ended thread", "child", "ended child")
+    for found, used_s in zip(looks(*names), (0.03, 0.1, 0.1, 0.1, 0.1), strict=True):
+        assert used_s <= found["used_s"] < used_s + 0.06, found
+        assert found["missed_s"] < 0.002, found
+
+
+def test_a_program_with_the_same_threads_is_not_searched() -> None:
+    """Only new threads and processes, and ended ones, are searched for; a thread that wakes up is found without it."""
+    names = ("nothing", "threads", "one thread", "nothing", "child", "nothing")
+    searched = [found["searches"] > 0 for found in looks(*names)]
+    assert searched == [False, True, False, False, True, False]
