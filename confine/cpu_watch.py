@@ -124,7 +124,7 @@ class Watching:
         self.watched: dict[str, Watched] = {}
         self._answers = answers
         #: Core -> the processes held to it; None -> processes held to none.
-        self._held: dict[int | None, list[Watched]] = {}
+        self.held: dict[int | None, list[Watched]] = {}
 
     def answer(self, value: object) -> None:
         """Write a line, unless the session is gone."""
@@ -137,9 +137,9 @@ class Watching:
         watched.core = core
         watched.pids.extend(pids)
         watched.find_threads()
-        self._held = {}
+        self.held = {}
         for each in self.watched.values():
-            self._held.setdefault(each.core, []).append(each)
+            self.held.setdefault(each.core, []).append(each)
 
     def calm_s(self, since_ns: int) -> float:
         """Return the undisturbed time of the most disturbed confined process since a time; inf if there is none."""
@@ -158,21 +158,7 @@ class Watching:
         for watched in self.watched.values():
             watched.close()
 
-    def look(self, core: int, sample: Sample, *, at_unheld: bool) -> None:
-        """Note the delays since the last look of the processes on a core, and perhaps of unheld ones."""
-        stalled_ns = sample.stalled_ns
-        held = self._held.get(core, ())
-        waits = [watched.read(sample.now_ns) for watched in held]
-        for watched, waited in zip(held, waits, strict=True):
-            if stalled_ns or waited[1] > _LEAST_NS:
-                own = [other for other in held if other.is_confined or other is watched]
-                _judge(watched, own, waited, sample)
-        if stalled_ns:
-            self._note_stop(core, sample)
-        if at_unheld:
-            self._look_at_unheld(sample)
-
-    def _note_stop(self, core: int, sample: Sample) -> None:
+    def note_stop(self, core: int, sample: Sample) -> None:
         """Note the stall of a core for the processes on no core or on other ones."""
         for watched in self.watched.values():
             if watched.core is None:
@@ -180,18 +166,7 @@ class Watching:
             elif watched.core != core:
                 _note_stop(watched, sample)
 
-    def _look_at_unheld(self, sample: Sample) -> None:
-        unheld = self._held.get(None, [])
-        looked_at = unheld
-        if not sample.ends_period(_SELDOM_NS):
-            looked_at = [watched for watched in unheld if not watched.is_in_real_time]
-        for watched in looked_at:
-            _look_at(watched, sample)
-        if sample.ends_period(_RUNAWAY_NS):
-            for watched in unheld:
-                self._demote_runaway(watched, sample.now_ns)
-
-    def _demote_runaway(self, watched: Watched, now_ns: int) -> None:
+    def demote_runaway(self, watched: Watched, now_ns: int) -> None:
         """Take its scheduling in real time from a trusted process under a flood of work, and report this once."""
         used_ns = watched.used_since(now_ns - _RUNAWAY_NS)
         if used_ns <= _RUNAWAY_SHARE * _RUNAWAY_NS:
@@ -209,6 +184,8 @@ class _Watch:
 
     def __init__(self) -> None:
         self._sessions: list[Watching] = []
+        #: Core, or None -> the sessions with processes there. In a class, most of twenty sessions have none on a core.
+        self._on: dict[int | None, list[Watching]] = {}
         self._cores: dict[int, threading.Thread] = {}
         self._lock = threading.Lock()
 
@@ -216,6 +193,7 @@ class _Watch:
         """Answer the requests of a session until its end."""
         with self._lock:
             self._sessions.append(session)
+            self._sort()
         while True:
             request, descriptors, *_ = socket.recv_fds(
                 session.requests, _MOST_BYTES, _MOST_PROCESSES
@@ -225,7 +203,15 @@ class _Watch:
             self._answer(session, json.loads(request), descriptors)
         with self._lock:
             self._sessions.remove(session)
+            self._sort()
         session.end()
+
+    def _sort(self) -> None:
+        """Find the sessions with processes on each core."""
+        self._on = {}
+        for session in self._sessions:
+            for core in session.held:
+                self._on.setdefault(core, []).append(session)
 
     def _answer(self, session: Watching, asked: dict[str, Any], descriptors: list[int]) -> None:
         if "calm_since" in asked:
@@ -236,6 +222,7 @@ class _Watch:
         pids = _pids_of(descriptors)
         with self._lock:
             session.follow(pids=pids, **asked)
+            self._sort()
             self._start_thread(asked["core"])
 
     def _start_thread(self, core: int | None) -> None:
@@ -264,10 +251,19 @@ class _Watch:
                     sleeper.close()
                     return
                 sample = Sample(looked_ns, sleeper.woke_ns, stalled_ns)
-                is_first = core == next(iter(self._cores))
-                for session in self._sessions:
-                    session.look(core, sample, at_unheld=is_first)
+                self._look(core, sample)
             looked_ns = sample.now_ns
+
+    def _look(self, core: int, sample: Sample) -> None:
+        """Note the delays of the processes on a core since the last look, and on the first core of those held to none."""
+        for session in self._on.get(core, ()):
+            _look_at_held(session.held[core], sample)
+        if sample.stalled_ns:
+            for session in self._sessions:
+                session.note_stop(core, sample)
+        if core == next(iter(self._cores)):
+            for session in self._on.get(None, ()):
+                _look_at_unheld(session, sample)
 
 
 def _pids_of(descriptors: Iterable[int]) -> list[int]:
@@ -285,6 +281,29 @@ def _pids_of(descriptors: Iterable[int]) -> list[int]:
         if pid > 0:
             pids.append(pid)
     return pids
+
+
+def _look_at_held(held: list[Watched], sample: Sample) -> None:
+    """Read the processes of a session on a core, and note the delays of those that waited, or of all in a stall."""
+    delayed = []
+    for watched in held:
+        waited = watched.read(sample.now_ns)
+        if sample.stalled_ns or waited[1] > _LEAST_NS:
+            delayed.append((watched, waited))
+    for watched, waited in delayed:
+        own = [other for other in held if other.is_confined or other is watched]
+        _judge(watched, own, waited, sample)
+
+
+def _look_at_unheld(session: Watching, sample: Sample) -> None:
+    """Read the processes of a session that are held to no core, those in real time seldom."""
+    is_time_for_all = sample.ends_period(_SELDOM_NS)
+    for watched in session.held[None]:
+        if is_time_for_all or not watched.is_in_real_time:
+            _look_at(watched, sample)
+    if sample.ends_period(_RUNAWAY_NS):
+        for watched in session.held[None]:
+            session.demote_runaway(watched, sample.now_ns)
 
 
 def _look_at(watched: Watched, sample: Sample) -> None:

@@ -94,17 +94,24 @@ class Watched:
         that of the clocks, no other thread has run or ended a wait.
         """
         clocks_ns = self._read_clocks()
+        waited = (0, 0)
+        if not clocks_ns or clocks_ns - self.cpu_ns != self.excess_ns:
+            waited = self._read_threads(clocks_ns)
+        self.history.append((now_ns, self.cpu_ns))
+        return waited
+
+    def _read_threads(self, clocks_ns: int) -> tuple[int, int]:
+        """Read threads until they explain the clocks; see `read`."""
         together_ns = 0
         longest_ns = 0
         for thread in reversed(self.threads.copy()):
-            if clocks_ns and clocks_ns - self.cpu_ns == self.excess_ns:
-                break
             waited_ns = self._read_thread(thread)
             together_ns += waited_ns
             longest_ns = max(longest_ns, waited_ns)
+            if clocks_ns and clocks_ns - self.cpu_ns == self.excess_ns:
+                break
         else:
             self.excess_ns = clocks_ns - self.cpu_ns
-        self.history.append((now_ns, self.cpu_ns))
         return together_ns, longest_ns
 
     def _read_clocks(self) -> int:

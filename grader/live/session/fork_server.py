@@ -154,9 +154,14 @@ def _program_of(request: bytes) -> Program:
         # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
         gc.freeze()
         gc.enable()
-    if not name:
-        return Program("fork server", _serve_branch, trusted_environment(Path("/"), 0))
     watch = _link_to_watch()
+    if not name:
+        return Program(
+            "fork server",
+            _serve_branch,
+            trusted_environment(Path("/"), 0),
+            kept=(watch.fileno(),),
+        )
     return Program(
         "sandbox",
         partial(_run_in_sandbox, form, plan, watch),
@@ -167,12 +172,13 @@ def _program_of(request: bytes) -> Program:
 
 #: The form of sandboxes with all modules loaded.
 _loaded: list[Form] = []
-#: Process id of this server's CPU watch, and the link to it.
+#: Process id of the CPU watch, and the link to it. A server and its branches share one, because each watch wakes up
+#: two hundred times a second on each core.
 _watches: list[tuple[int, socket.socket]] = []
 
 
 def _link_to_watch() -> socket.socket:
-    """Return the link to the CPU watch of all sessions, which is started with the first of them."""
+    """Return the link to the CPU watch, which is started for the first session or branch."""
     if not _watches:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         server = os.getpid()
@@ -186,7 +192,7 @@ def _link_to_watch() -> socket.socket:
 
 
 def _end_watch() -> None:
-    """End the CPU watch, and wait for it, so that its CPU time counts as this server's."""
+    """End the CPU watch, and wait for it, so that its CPU time counts as this server's; branches have ended."""
     for watch, link in _watches:
         link.close()
         with suppress(ChildProcessError):
@@ -211,7 +217,6 @@ def _serve_branch() -> None:
     with socket.socket(fileno=os.dup(1)) as link:
         os.dup2(0, 1)
         serve(link, _program_of)
-        _end_watch()
 
 
 def main() -> None:

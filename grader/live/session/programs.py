@@ -305,7 +305,7 @@ class Programs:
             self.record.names,
             self._linked.append,
         )
-        # What arrives over the link depends on the time of acknowledgements.
+        # The time of acknowledgements decides how much arrives over the link.
         environment = self._environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(DISCOVERY_FILE)}
         carrying = link.run(self.record.seed, environment)
         self.links.append(asyncio.create_task(carrying))

@@ -45,6 +45,11 @@ def process_id_of_server() -> int:
     return found
 
 
+def named(name: str) -> list[int]:
+    """Return the ids of this process's descendants with a name."""
+    return [pid for pid in below(os.getpid()) if name_of(pid) == name]
+
+
 def test_a_plan_that_cannot_be_read_ends_its_sandbox_only(tmp_path: Path) -> None:
     """The next one is served as well, and the reason is in the file of errors."""
     with ForkServer() as forks:
@@ -53,7 +58,7 @@ def test_a_plan_that_cannot_be_read_ends_its_sandbox_only(tmp_path: Path) -> Non
             assert pid > 0
             assert said == b"ended 1\n"
             assert "FileNotFoundError" in (tmp_path / "errors").read_text(encoding="utf-8"), number
-        until(lambda: not [p for p in below(os.getpid()) if name_of(p) == "sandbox"], 10)
+        until(lambda: not named("sandbox"), 10)
 
 
 def test_a_server_that_was_killed_is_reported(tmp_path: Path) -> None:
@@ -142,3 +147,17 @@ def test_cpu_time_in_sandboxes_counts_as_the_graders(tmp_path: Path) -> None:
     lab.record(own_server=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime > 1.0
+
+
+def test_branches_share_one_watch(tmp_path: Path) -> None:
+    """Each watch wakes up two hundred times a second on each core, and a class has many branches."""
+    errors = tmp_path / "errors"
+    with ForkServer() as forks:
+        with forks.branch(FORM) as one, forks.branch(FORM) as other:
+            for branch in (one, other):
+                asyncio.run(said_by(branch, tmp_path / "none.json", errors))
+            watches = named("cpu watch")
+            assert len(watches) == 1
+        until(lambda: not named("fork server"), 10)
+        assert named("cpu watch") == watches, "a later branch has it too"
+    until(lambda: not named("cpu watch"), 10)
