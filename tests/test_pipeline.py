@@ -23,7 +23,7 @@ from grader.lab.kept_lab import lab_folder
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.live.sandbox import environment
-from grader.recording.session import read_session, write_session
+from grader.recording.session import SESSION_FILE, read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
 from grader.result import RESULT_SCHEMA
 from tests.regraded import regraded
@@ -249,6 +249,20 @@ def test_a_session_is_recorded_again_until_its_checks_are_decided(
     assert asked == [(["publisher"], 2)]
     assert result.score.earned == 100
     assert sorted(path.name for path in results.iterdir()) == [result_folder.RECORDINGS, "sound"]
+
+
+def test_sessions_are_read_only_before_a_retry(results: Path, rubric: Rubric) -> None:
+    """The number of attempts in the recordings matters only if something is undecided."""
+    recordings = results / result_folder.RECORDINGS
+    judged = judgement.judge_bounded(recordings, rubric, Overrides())
+    assert judged.result.score.undecided == 0
+    (recordings / "publisher" / SESSION_FILE).write_text("unreadable", encoding="utf-8")
+
+    def record(*_arguments: object) -> None:
+        raise AssertionError
+
+    sessions = list(rubric.sessions)
+    assert attempts.retry_undecided(recordings, sessions, record, lambda: judged) is judged
 
 
 def test_the_result_of_the_submission_before_is_found(tmp_path: Path) -> None:

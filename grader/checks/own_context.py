@@ -5,6 +5,7 @@ Public names and their meanings stay as they are within a version of `API_VERSIO
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -451,28 +452,7 @@ class Context(Submission):
         return tuple(map(self._run, found))
 
     def _run(self, run: ProcessRun) -> Run:
-        since = self._session.since_start_s
-        lines = []
-        for line in self._session.lines_of(run):
-            lines.append(Line(since(line.t_ns), line.stream, line.text))
-        return Run(
-            name=run.name,
-            role=run.role,
-            artifact=run.artifact,
-            started_s=since(run.started_ns),
-            interrupted_s=self._since_or_none(run.interrupted_ns),
-            exited_s=self._since_or_none(run.exited_ns),
-            exit_status=run.exit_status,
-            ended_by=run.ended_by,
-            limit=run.limit,
-            lines=tuple(lines),
-            _recorded=run,
-        )
-
-    def _since_or_none(self, t_ns: int | None) -> float | None:
-        if t_ns is None:
-            return None
-        return self._session.since_start_s(t_ns)
+        return _run_of(self._session, run)
 
     def delay_s(self, process: str, window: str) -> float:
         """Return the machine delay of a process within a step, in s: 0 on an idle machine."""
@@ -645,3 +625,31 @@ class Context(Submission):
         if span_s is None:
             return where
         return replace(where, start_s=span_s[0], end_s=span_s[1])
+
+
+# Each check asks for the processes, and the output of one can be long.
+@functools.lru_cache(maxsize=64)
+def _run_of(session: Recorded, run: ProcessRun) -> Run:
+    """Return a process of a session for checks."""
+    lines = []
+    for line in session.lines_of(run):
+        lines.append(Line(session.since_start_s(line.t_ns), line.stream, line.text))
+    return Run(
+        name=run.name,
+        role=run.role,
+        artifact=run.artifact,
+        started_s=session.since_start_s(run.started_ns),
+        interrupted_s=_since_or_none(session, run.interrupted_ns),
+        exited_s=_since_or_none(session, run.exited_ns),
+        exit_status=run.exit_status,
+        ended_by=run.ended_by,
+        limit=run.limit,
+        lines=tuple(lines),
+        _recorded=run,
+    )
+
+
+def _since_or_none(session: Recorded, t_ns: int | None) -> float | None:
+    if t_ns is None:
+        return None
+    return session.since_start_s(t_ns)

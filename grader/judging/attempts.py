@@ -48,7 +48,8 @@ def retry_undecided(
             if not undecided:
                 break
             # Reading all sessions takes 30 ms, and is of use only here.
-            recorded = recorded or _times_recorded(recordings, chosen)
+            if recorded == 0:
+                recorded = _times_recorded(recordings, chosen)
             record(undecided, retry, recorded + number, disturbed)
             judgement = keep_better(recordings, retry, undecided, judgement, judged)
     finally:

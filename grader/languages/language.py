@@ -56,7 +56,8 @@ class Language:
                 self._templates.append(translation)
             else:
                 self._whole.setdefault(template.literals[0], filled(translation, ()))
-        self._phrases = phrasebook_of(tuple(message.english for message in known))
+        #: The English messages.
+        self.phrases = phrasebook_of(tuple(message.english for message in known))
 
     def text(self, english: str) -> str:
         """Return a text in this language, as far as it is known; code between backticks stays."""
@@ -72,7 +73,7 @@ class Language:
         if len(english) > _LONGEST:
             return Translated(english, words_left(english))
         marked, code = _with_marks(english)
-        found = self._phrases.found(marked)
+        found = self.phrases.found(marked)
         text = text_of(found.parts, self)
         for mark, piece in code.items():
             text = text.replace(mark, piece)

@@ -13,10 +13,12 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 from grader.languages.found import Capital, English, Filled, Found, Part, Whole
 from grader.languages.template import FIRST_MARK, LAST_MARK, Template, is_mark
+
+T = TypeVar("T")
 
 #: Most pieces of a text that are looked up: enough for any text of the grader's, and a bound for others.
 _MOST_LOOKUPS = 200
@@ -99,6 +101,7 @@ class Phrasebook:
         self.templates: list[Template] = []
         self._by_word: dict[str, list[_Entry]] = defaultdict(list)
         self._matching: dict[str, tuple[_Match, ...]] = {}
+        self._beginnings: dict[str, list[_Entry]] = {}
         self._texts: dict[str, Found] = {}
         for message in messages:
             template = Template.of(message)
@@ -107,7 +110,7 @@ class Phrasebook:
             else:
                 self.whole.add(template.literals[0])
         #: Beginnings of the former up to and with a separator of lists.
-        self._with_separator = set(itertools.chain.from_iterable(map(_beginnings, self.whole)))
+        self._with_separator = set(itertools.chain.from_iterable(map(_first_items, self.whole)))
         self._index()
 
     def _index(self) -> None:
@@ -149,56 +152,51 @@ class Phrasebook:
         whole = self._known_as_whole(text)
         if whole is not None:
             return Found((whole,))
-        found = Found((English(text),))
-        # A single word within a text can be a name, which nobody translates.
-        if depth == 0 or " " in text:
-            found = Found(found.parts, words_left(text))
         if depth == _MOST_DEPTH or work.lookups == 0:
-            return found
+            return _unknown(text, depth)
         work.lookups -= 1
-        found = self._best(text, found, work, depth)
+        found = self._best(text, work, depth)
         work.known[text] = found
         return found
 
-    def _best(self, text: str, found: Found, work: _Work, depth: int) -> Found:
-        """Return the parts that leave the fewest words English, or the text itself."""
-        best = Found(found.parts, found.left + 1)
+    def _best(self, text: str, work: _Work, depth: int) -> Found:
+        """Return the parts that leave the fewest words English; the text itself only if each way leaves more."""
+        unknown: Found | None = None
+        best: Found | None = None
+        limit = 0
         for way in self._ways_for(text):
-            if best.left == 0:
-                break
             for other in way(text, work, depth + 1):
-                if other.left < best.left:
+                if other.left == 0:
+                    return other
+                # Counting the words of each text takes a tenth of the time, and most texts are found.
+                if unknown is None:
+                    unknown = _unknown(text, depth)
+                    limit = unknown.left + 1
+                if other.left < limit:
                     best = other
-                if best.left == 0:
-                    break
-        return found if best.left > found.left else best
+                    limit = other.left
+        return best or unknown or _unknown(text, depth)
 
-    def _ways_for(self, text: str) -> tuple[_Way, ...]:
-        """Return the ways to the parts of a text, in the order of trial."""
-        # The other ways divide a text at its blanks.
-        if len(text.split(maxsplit=1)) == 1:
-            return (
-                self._by_strict_templates,
-                self._by_end,
-                self._by_templates,
-                self._without_around,
-                self._by_lower_case,
-                self._by_marks,
-            )
-        return (
-            self._by_known_items,
-            self._by_strict_templates,
-            self._by_sentences,
-            self._by_known_head,
-            self._by_end,
-            self._by_templates,
-            self._without_around,
-            self._by_number,
-            self._by_lower_case,
-            self._by_marks,
-            self._by_list,
-            self._by_separators,
-        )
+    def _ways_for(self, text: str) -> Iterator[_Way]:
+        """Yield the ways to the parts of a text that its signs permit, in the order of trial."""
+        # Most ways divide a text at its blanks.
+        is_word = len(text.split(maxsplit=1)) == 1
+        if ", " in text:
+            yield self._by_known_items
+        yield self._by_strict_templates
+        if not is_word:
+            yield self._by_sentences
+            yield self._by_known_head
+        yield self._by_end
+        yield self._by_templates
+        yield self._without_around
+        if not is_word:
+            yield self._by_number
+        yield self._by_lower_case
+        yield self._by_marks
+        if not is_word:
+            yield self._by_list
+            yield self._by_separators
 
     def _known_as_whole(self, text: str) -> Part | None:
         """Return a message without values, also with another first letter; None if the text is none."""
@@ -218,8 +216,10 @@ class Phrasebook:
                 yield from self._filled(match, work, depth)
 
     def _by_templates(self, text: str, work: _Work, depth: int) -> Iterator[Found]:
+        """Yield translations by the other templates."""
         for match in self._matches(text):
-            yield from self._filled(match, work, depth)
+            if not match.is_strict:
+                yield from self._filled(match, work, depth)
 
     def _filled(self, match: _Match, work: _Work, depth: int) -> Iterator[Found]:
         """Yield a template with its values; none if it has few letters, and a value stays English."""
@@ -244,10 +244,7 @@ class Phrasebook:
         if entries is None:
             entries = self._beginning(text)
         known = tuple(self._matches_among(entries, text))
-        if len(text) <= _LONGEST_REMEMBERED:
-            if len(self._matching) >= _MOST_REMEMBERED:
-                self._matching.clear()
-            self._matching[text] = known
+        _remember(self._matching, text, known)
         return known
 
     def _matches_among(self, entries: Iterable[_Entry], text: str) -> Iterator[_Match]:
@@ -266,16 +263,20 @@ class Phrasebook:
                 yield _Match(entry.number, values, _is_strict(template, values))
 
     def _beginning(self, text: str) -> list[_Entry]:
-        """Return the templates with the beginning and a word of a text.
+        """Return the templates with the beginning and a word of a text, and remember them.
 
         The order is by letters, most first, and then by whether a template begins with its own text.
         """
-        found = []
+        known = self._beginnings.get(text)
+        if known is not None:
+            return known
+        found: list[_Entry] = []
         for word in ("", *dict.fromkeys(_WORD.findall(text))):
             for entry in self._by_word.get(word, ()):
                 if text.startswith(entry.first):
                     found.append(entry)
         found.sort(key=_order)
+        _remember(self._beginnings, text, found)
         return found
 
     def _by_sentences(self, text: str, work: _Work, depth: int) -> Iterator[Found]:
@@ -433,7 +434,25 @@ class Phrasebook:
                 at = text.find(separator, at + 1)
 
 
-def _beginnings(text: str) -> Iterator[str]:
+def _unknown(text: str, depth: int) -> Found:
+    """Return a text without a message, at a number of phrases around it."""
+    left = 0
+    # A single word within a text can be a name, which nobody translates.
+    if depth == 0 or " " in text:
+        left = words_left(text)
+    return Found((English(text),), left)
+
+
+def _remember(memory: dict[str, T], text: str, value: T) -> None:
+    """Remember a value for a text, unless the text is long."""
+    if len(text) > _LONGEST_REMEMBERED:
+        return
+    if len(memory) >= _MOST_REMEMBERED:
+        memory.clear()
+    memory[text] = value
+
+
+def _first_items(text: str) -> Iterator[str]:
     """Yield the beginning of a text with the first separator of each kind of list."""
     for separator in _OF_LISTS:
         first, found, _ = text.partition(separator)

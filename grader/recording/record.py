@@ -76,7 +76,7 @@ def _reader(hint: Any) -> _Reader:
     if kind is Any:
         return lambda value: value
     accepted = _ACCEPTED.get(kind, kind)
-    checked = functools.partial(_checked, kind=kind, accepted=accepted)
+    checked = functools.partial(_checked, kind, accepted)
     if kind is dict:
         of_item = _reader(typing.get_args(hint)[1])
         return lambda value: {name: of_item(item) for name, item in checked(value).items()}
@@ -93,10 +93,10 @@ def _optional_reader(hint: Any) -> _Reader:
     return lambda value: None if value is None else inner(value)
 
 
-def _checked(value: Any, kind: Any, accepted: Any) -> Any:
+def _checked(kind: Any, accepted: Any, value: Any) -> Any:
     """Return a value of an accepted type, or raise `ValueError`; True and False are not numbers."""
     # Most values: numbers can be too large, and lists are of another type than their field.
-    if value.__class__ is kind and kind is not int:
+    if value.__class__ is kind is not int:
         return value
     if value.__class__ is bool:
         accepted = bool if kind is bool else ()

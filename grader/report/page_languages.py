@@ -28,7 +28,7 @@ _WITHIN_SENTENCE = frozenset({*_INLINE, *_WHOLE, "none"})
 #: Elements without any unit.
 _SKIPPED = frozenset({"script", "style", "pre", "textarea"})
 _VOID = frozenset({"br", "hr", "img", "input", "link", "meta", "wbr"})
-_TOKEN = re.compile(r"<(/?)([a-zA-Z][\w-]*+)((?:[^<>\"]|\"[^\"]*+\")*+)>|([^<]+)|<")
+_TOKEN = re.compile(r"<(/?)([a-zA-Z][\w-]*+)((?:[^<>\"]++|\"[^\"]*+\")*+)>|([^<]+)|<")
 _ATTRIBUTE = re.compile(r"(?<=\s)(?:aria-label|title|placeholder|label)=\"([^\"]*)\"")
 _BLANKS = re.compile(r"[ \t\n\r\f]+")
 _LETTERS = re.compile(r"[^\W\d_]{2}")

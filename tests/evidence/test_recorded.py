@@ -98,6 +98,16 @@ def test_rows_of_the_most_frequent_length_are_the_series(tmp_path: Path) -> None
     assert len(with_nan.values) == 3
 
 
+def test_the_greatest_of_equally_frequent_lengths_counts(tmp_path: Path) -> None:
+    """Messages that are not finite do not count for the length of theirs."""
+    nan = float("nan")
+    rows = [[1.0], [2.0, 2.0], [3.0], [4.0, 4.0], [nan, nan, nan], [nan, 0.0, 0.0], [0.0, 0.0, nan]]
+    recorded = Session(tmp_path).messages("/a", rows, list(range(1, 8))).recorded()
+    series = recorded.numeric("/a", "data")
+    assert series is not None
+    assert series.values.tolist() == [[2.0, 2.0], [4.0, 4.0]]
+
+
 def test_a_topic_without_numbers_has_no_series(tmp_path: Path) -> None:
     """Text, empty messages and a topic that is not there have none."""
     session = Session(tmp_path).texts("/text", ["hello"], [1.0]).messages("/empty", [[]], [1.0])

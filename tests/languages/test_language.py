@@ -197,3 +197,27 @@ def test_a_template_that_begins_with_its_own_text_is_tried_first() -> None:
         Message("All checks", "Alle Prüfungen", ()),
     ]
     assert Language("de", messages).text("Link to: All checks") == "Link zu: Alle Prüfungen"
+
+
+def test_languages_with_the_same_messages_share_the_search() -> None:
+    """The messages in a text are found once for all languages; each says them in its own words."""
+    english = ["{0} messages", "no answer", "{0} on {1}"]
+    languages = []
+    for tag in ("de", "es"):
+        messages = [Message(text, f"{tag} {text}", ()) for text in english]
+        languages.append(Language(tag, messages))
+    german, spanish = languages
+    assert german.phrases is spanish.phrases
+    assert german.text("3 messages on no answer") == "de de 3 messages on de no answer"
+    assert spanish.text("3 messages on no answer") == "es es 3 messages on es no answer"
+    fewer = Language("es", [Message("no answer", "sin respuesta", ())])
+    assert fewer.phrases is not german.phrases
+
+
+def test_a_known_item_holds_the_separator_of_a_list() -> None:
+    """`a, b` is one item of `c, a, b`, also with a capital; without such a message the items are two."""
+    messages = [Message("one, two", "eins zwei", ()), Message("three", "drei", ())]
+    language = Language("de", messages)
+    assert language.text("three, one, two") == "drei, eins zwei"
+    assert language.text("One, two, three") == "Eins zwei, drei"
+    assert language.text("one, four, three") == "one, four, drei"

@@ -57,8 +57,8 @@ def read_output(output: Sequence[OutputLine]) -> list[OutputLine]:
     """Return the lines for the search of numbers: without tracebacks and prefixes, with decimal points."""
     lines: list[OutputLine] = []
     for line in _without_tracebacks(plain_output(output)):
-        text = _PREFIX.sub("", line.text, count=1)
-        if text != line.text:
+        if line.text.startswith("["):
+            text = _PREFIX.sub("", line.text, count=1)
             line = OutputLine(line.t_ns, line.stream, text)
         lines.append(line)
     if not _has_decimal_commas(lines):

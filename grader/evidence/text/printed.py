@@ -115,13 +115,19 @@ def reports_of(process: ProcessRun, patterns: Sequence[str]) -> list[Report]:
 def _of_process(process: ProcessRun, pattern: str) -> list[Report]:
     found = []
     until_ns = process.interrupted_ns or process.exited_ns or _NEVER_NS
-    for line in read_output(process.output):
+    for line in _read(process):
         if line.t_ns >= until_ns:
             continue
         report = _report(pattern, line.t_ns, line.text)
         if report is not None:
             found.append(report)
     return found
+
+
+# Several checks seek other numbers in the same output.
+@functools.lru_cache(maxsize=64)
+def _read(process: ProcessRun) -> list[OutputLine]:
+    return read_output(process.output)
 
 
 def _logged(recorded: Recorded, pattern: str) -> list[Report]:
