@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import math
 import re
 import secrets
 import sys
@@ -409,8 +410,8 @@ class GraphWatch:
         self._endpoints = Endpoints(node)
         self._events = GraphEvents(node)
         self._has_changed = True
-        #: Set by a change since the last close look.
-        self._is_unseen = True
+        #: Time of the first change since the last close look.
+        self._unseen_s = math.inf
         self.last = GraphSnapshot(0)
 
     def call(self) -> None:
@@ -446,7 +447,7 @@ class GraphWatch:
         if not any((is_close, self._has_changed)):
             return self.last
         self._next_s = now_s + self.PERIOD_S
-        self._is_unseen = True
+        self._unseen_s = min(self._unseen_s, now_s)
         self._has_changed = False
         glance = _glance(self._node)
         if glance == self._glance and not any((is_close, self._are_names_missing())):
@@ -455,7 +456,7 @@ class GraphWatch:
         if is_close:
             self._endpoints.forget_glances()
             self._closely_s = now_s
-            self._is_unseen = False
+            self._unseen_s = math.inf
         taken = snapshot(
             self._node, self.own_prefix, self.first, self.last, self._endpoints, glance
         )
@@ -472,8 +473,10 @@ class GraphWatch:
     def _is_close_look_due(self, now_s: float) -> bool:
         """Return whether the graph is to be looked at whatever a glance shows."""
         period_s = self.SELDOM_S
-        if any((self._has_changed, self._is_unseen, self._are_names_missing())):
+        if self._are_names_missing():
             period_s = self.CLOSELY_S
+        if now_s - self._unseen_s >= self.CLOSELY_S:
+            return True
         return now_s - self._closely_s >= period_s
 
     def _are_names_missing(self) -> bool:
