@@ -7,7 +7,7 @@ import functools
 import json
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -56,6 +56,12 @@ def from_plain(kind: type[T], plain: Any) -> T:
         return kind(**values)
     except TypeError as problem:
         raise ValueError(f"{kind.__name__}: {problem}") from problem
+
+
+def prepare(kinds: Iterable[type[Any]]) -> None:
+    """Find the readers of some dataclasses, so that forks of this process have them."""
+    for kind in kinds:
+        _readers(cast(Any, kind))
 
 
 @functools.lru_cache(maxsize=64)

@@ -26,7 +26,7 @@ from confine.namespaces import (
     name_process,
     open_descriptors,
 )
-from grader.live.process.piped import PipedProcess, write_pipe
+from grader.live.process.piped import PipedProcess, PipeWriter
 
 #: The longest message of a program, in bytes: a snapshot of a flooded graph.
 _LONGEST_LINE_BYTES = 64 * 2**20
@@ -49,7 +49,7 @@ def run_script(file: str, *arguments: str) -> None:
     runpy.run_path(file, run_name="__main__")
 
 
-async def start_forked(program: Program) -> PipedProcess:
+def start_forked(program: Program) -> PipedProcess:
     """Start a program as a fork in a session of its own, with pipes to it; it ends with this process."""
     stdin, to_it = os.pipe()
     from_it, stdout = os.pipe()
@@ -60,7 +60,7 @@ async def start_forked(program: Program) -> PipedProcess:
         become(program, parent, (stdin, stdout, stderr))
     for descriptor in (stdin, stdout, stderr):
         os.close(descriptor)
-    writer = await write_pipe(FileIO(to_it, "wb"))
+    writer = PipeWriter(FileIO(to_it, "wb"))
     return PipedProcess(pid, writer, FileIO(from_it), FileIO(errors), wait=partial(_wait_for, pid))
 
 

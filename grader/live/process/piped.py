@@ -27,7 +27,7 @@ class PipedProcess:
     def __init__(
         self,
         pid: int,
-        stdin: asyncio.StreamWriter | None,
+        stdin: PipeWriter | None,
         stdout: IO[bytes],
         stderr: IO[bytes],
         wait: Callable[[], int],
@@ -66,15 +66,16 @@ class BlockReader:
 
     def __init__(self, pipe: IO[bytes], on_block: Callable[[bytes], None]) -> None:
         self._pipe = pipe
+        self._descriptor = pipe.fileno()
         self._on_block = on_block
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[None] = self._loop.create_future()
-        os.set_blocking(pipe.fileno(), False)
-        self._loop.add_reader(pipe.fileno(), self._read)
+        os.set_blocking(self._descriptor, False)
+        self._loop.add_reader(self._descriptor, self._read)
 
     def _read(self) -> None:
         try:
-            block = os.read(self._pipe.fileno(), READ_BYTES)
+            block = os.read(self._descriptor, READ_BYTES)
         except BlockingIOError:
             return
         if not block:
@@ -85,14 +86,44 @@ class BlockReader:
     def stop(self) -> None:
         """Read no more. An open pipe stays open, because closing it would end a process that writes to it."""
         if not self.ended.done():
-            self._loop.remove_reader(self._pipe.fileno())
+            self._loop.remove_reader(self._descriptor)
             self.ended.set_result(None)
 
 
-async def write_pipe(pipe: IO[bytes]) -> asyncio.StreamWriter:
-    """Return a writer for a pipe, which closes it at the end."""
-    loop = asyncio.get_running_loop()
-    # The protocol of a reader knows when the pipe is full.
-    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())
-    transport, _ = await loop.connect_write_pipe(lambda: protocol, pipe)
-    return asyncio.StreamWriter(transport, protocol, None, loop)
+class PipeWriter:
+    """Writes to a pipe: at once as much as it has room for, and the rest later. A reader that is gone is no error."""
+
+    def __init__(self, pipe: IO[bytes]) -> None:
+        self._pipe = pipe
+        self._descriptor = pipe.fileno()
+        self._loop = asyncio.get_running_loop()
+        self._waiting = b""
+        self._is_closing = False
+        os.set_blocking(self._descriptor, False)
+
+    def write(self, data: bytes) -> None:
+        """Write some data after all earlier data, unless the pipe is closed."""
+        if not self._is_closing:
+            self._waiting += data
+            self._write()
+
+    def close(self) -> None:
+        """Close the pipe after all data."""
+        self._is_closing = True
+        if not self._waiting:
+            self._pipe.close()
+
+    def _write(self) -> None:
+        try:
+            written = os.write(self._descriptor, self._waiting)
+        except BlockingIOError:
+            written = 0
+        except OSError:
+            written = len(self._waiting)
+        self._waiting = self._waiting[written:]
+        if self._waiting:
+            self._loop.add_writer(self._descriptor, self._write)
+            return
+        self._loop.remove_writer(self._descriptor)
+        if self._is_closing:
+            self._pipe.close()

@@ -19,7 +19,7 @@ from confine.machine import children_of, descendants_of
 from confine.priority import STANDING, put_in_real_time, put_standing
 from confine.program_usage import ProgramUsage
 from grader.live.process.forked import Program, start_forked
-from grader.live.process.piped import READ_BYTES, BlockReader, PipedProcess, write_pipe
+from grader.live.process.piped import READ_BYTES, BlockReader, PipedProcess, PipeWriter
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; further output is counted and dropped.
@@ -116,7 +116,7 @@ class RunningProcess:
         assert started.stderr is not None
         stdin = None
         if started.stdin is not None:
-            stdin = await write_pipe(started.stdin)
+            stdin = PipeWriter(started.stdin)
         process = PipedProcess(
             started.pid, stdin, started.stdout, started.stderr, wait=started.wait
         )
@@ -128,7 +128,7 @@ class RunningProcess:
     ) -> RunningProcess:
         """Start one of the grader's own programs as a fork of this process; it has a standard input."""
         run.started_ns = time.time_ns()
-        process = await start_forked(program)
+        process = start_forked(program)
         return cls(run, process, None, on_message, OutputRoom())
 
     @property
@@ -139,8 +139,7 @@ class RunningProcess:
     def write(self, data: bytes, *, last: bool = False) -> None:
         """Write to its standard input (only if started `with_input`), and close that if it is the last."""
         if self._process.stdin is not None and self.alive:
-            with suppress(ConnectionError, RuntimeError):
-                self._process.stdin.write(data)
+            self._process.stdin.write(data)
             if last:
                 self._process.stdin.close()
 
@@ -440,7 +439,11 @@ class _Stream:
 
     def split(self, block: bytes, now_ns: int) -> list[bytes]:
         """Return the lines completed by a block."""
-        *lines, self.rest = _LINE_END.split(self.rest + block)
+        text = self.rest + block
+        if b"\r" in text:
+            *lines, self.rest = _LINE_END.split(text)
+        else:
+            *lines, self.rest = text.split(b"\n")
         self.rest_ns = now_ns
         if len(self.rest) > MAX_LINE_BYTES:
             lines.append(self.rest)

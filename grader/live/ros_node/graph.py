@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import math
 import re
 import secrets
 import sys
@@ -153,6 +154,16 @@ class TopicGlance(NamedTuple):
     subscriptions: int
 
 
+class Glance(NamedTuple):
+    """The facts of the graph that cost a tenth of a snapshot: names, types, numbers of endpoints."""
+
+    nodes: list[tuple[str, str]]
+    topics: dict[str, TopicGlance]
+    #: Names of further topics.
+    more: list[str]
+    services: list[tuple[str, list[str]]]
+
+
 class Endpoints:
     """The endpoints of topics as one node sees them, built anew only for topics with a changed report.
 
@@ -234,7 +245,7 @@ def snapshot(
     first: Collection[str],
     before: GraphSnapshot,
     endpoints: Endpoints,
-    glances: Mapping[str, TopicGlance],
+    glance: Glance,
 ) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process with the prefix `own_prefix`.
 
@@ -243,8 +254,8 @@ def snapshot(
     """
     taken = GraphSnapshot(time.time_ns())
     names = _node_names(node, before)
-    topics = _topics_to_look_at(node, first, before)
-    taken.endpoints = _student_endpoints(endpoints, topics, own_prefix, glances)
+    topics = _topics_to_look_at(node, first, before, glance)
+    taken.endpoints = _student_endpoints(endpoints, topics, own_prefix, glance.topics)
     # Nodes are told apart by their names alone. In the grader's namespace, those with endpoints of others are kept.
     others = {endpoint.node for endpoint in taken.endpoints}
     kept = [full for full in names if not is_reserved(full) or full in others]
@@ -267,9 +278,14 @@ def _node_names(node: Node, before: GraphSnapshot) -> list[str]:
     return sorted(full_name(namespace, name) for name, namespace in named)
 
 
-def _topics_to_look_at(node: Node, first: Collection[str], before: GraphSnapshot) -> list[str]:
-    known = {*first, *(endpoint.topic for endpoint in before.endpoints)}
-    topics = sorted(name for name, _ in _topics(node, known) if not is_reserved(name))
+def _topics_to_look_at(
+    node: Node, first: Collection[str], before: GraphSnapshot, glance: Glance
+) -> list[str]:
+    names = [*glance.topics, *glance.more]
+    if not names:  # Perhaps they cannot be read.
+        known = {*first, *(endpoint.topic for endpoint in before.endpoints)}
+        names = [name for name, _ in _topics(node, known)]
+    topics = sorted(name for name in names if not is_reserved(name))
     topics.sort(key=lambda name: name not in first)
     return topics[:MAX_TOPICS]
 
@@ -300,16 +316,6 @@ def _services_of_namesakes(node: Node, taken: GraphSnapshot) -> list[ServiceEndp
         if is_new and node.count_services(found.name):
             services.append(found)
     return services
-
-
-class Glance(NamedTuple):
-    """The facts of the graph that cost a tenth of a snapshot: names, types, numbers of endpoints."""
-
-    nodes: list[tuple[str, str]]
-    topics: dict[str, TopicGlance]
-    #: Names of further topics.
-    more: list[str]
-    services: list[tuple[str, list[str]]]
 
 
 def _glance(node: Node) -> Glance:
@@ -377,7 +383,7 @@ class GraphWatch:
     Topics in `first`, which may grow, are looked at before all others.
     """
 
-    #: Shortest time between two glances at the graph, in s.
+    #: Shortest time between two glances at the graph, or two questions for its changes, in s.
     PERIOD_S = 0.04
     #: Time to a close look after a change that no glance shows, in s.
     CLOSELY_S = 0.5
@@ -404,8 +410,8 @@ class GraphWatch:
         self._endpoints = Endpoints(node)
         self._events = GraphEvents(node)
         self._has_changed = True
-        #: Set by a change since the last close look.
-        self._is_unseen = True
+        #: Time of the first change since the last close look.
+        self._unseen_s = math.inf
         self.last = GraphSnapshot(0)
 
     def call(self) -> None:
@@ -429,6 +435,8 @@ class GraphWatch:
             return self.last
         if not self._has_changed:
             self._has_changed = self._events.wait(0.0)
+        if not self._has_changed:
+            self._next_s = time.monotonic() + self.PERIOD_S
         return self._look(now=now)
 
     def _look(self, *, now: bool) -> GraphSnapshot:
@@ -439,7 +447,7 @@ class GraphWatch:
         if not any((is_close, self._has_changed)):
             return self.last
         self._next_s = now_s + self.PERIOD_S
-        self._is_unseen = True
+        self._unseen_s = min(self._unseen_s, now_s)
         self._has_changed = False
         glance = _glance(self._node)
         if glance == self._glance and not any((is_close, self._are_names_missing())):
@@ -448,9 +456,9 @@ class GraphWatch:
         if is_close:
             self._endpoints.forget_glances()
             self._closely_s = now_s
-            self._is_unseen = False
+            self._unseen_s = math.inf
         taken = snapshot(
-            self._node, self.own_prefix, self.first, self.last, self._endpoints, glance.topics
+            self._node, self.own_prefix, self.first, self.last, self._endpoints, glance
         )
         if not self._changes or taken != replace(self.last, t_ns=taken.t_ns):
             self.last = taken
@@ -465,8 +473,10 @@ class GraphWatch:
     def _is_close_look_due(self, now_s: float) -> bool:
         """Return whether the graph is to be looked at whatever a glance shows."""
         period_s = self.SELDOM_S
-        if any((self._has_changed, self._is_unseen, self._are_names_missing())):
+        if self._are_names_missing():
             period_s = self.CLOSELY_S
+        if now_s - self._unseen_s >= self.CLOSELY_S:
+            return True
         return now_s - self._closely_s >= period_s
 
     def _are_names_missing(self) -> bool:

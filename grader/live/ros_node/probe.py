@@ -95,6 +95,8 @@ class Probe:
         #: Name that did not come up, and the number of processes then.
         self._missing: set[tuple[str, int]] = set()
         self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
+        #: Clients that the recorder may not know yet.
+        self._unmatched: set[tuple[str, str, int]] = set()
         self._actions: dict[tuple[str, str], ActionProbe] = {}
 
     def _on_change(self, graph: GraphSnapshot) -> None:
@@ -197,22 +199,29 @@ class Probe:
         """Return the recorded client of a service with a number; None if the service is not up."""
         key = (service, service_type, number)
         if key not in self._clients:
-            self._clients[key] = self._new_client(service, service_type, number)
+            self.make_client(*key)
         client = self._clients[key]
+        if key in self._unmatched:
+            events, events_type = _events_of(service, service_type)
+            self.until(lambda: self.recorder.matched(events, events_type) > number, MATCH_S)
+            self._unmatched.remove(key)
         is_up = self.until_up(service, client.service_is_ready, timeout_s)
         return client if is_up else None
 
-    def _new_client(self, service: str, service_type: str, number: int) -> Client[Any, Any]:
+    def make_client(self, service: str, service_type: str, number: int = 0) -> None:
+        """Make the recorded client of a service with a number, and wait for nothing yet."""
+        key = (service, service_type, number)
+        if key in self._clients:
+            return
         client = self.node.create_client(interface_named(service_type), service)
         client.configure_introspection(
             self.node.get_clock(),
             QoSProfile(depth=_EVENTS_DEPTH),
             ServiceIntrospectionState.CONTENTS,
         )
-        events, events_type = f"{service}/_service_event", f"{service_type}_Event"
-        self.record(events, events_type)
-        self.until(lambda: self.recorder.matched(events, events_type) > number, MATCH_S)
-        return client
+        self.record(*_events_of(service, service_type))
+        self._clients[key] = client
+        self._unmatched.add(key)
 
     def ask(self, service: str, service_type: str, timeout_s: float, fields: dict[str, Any]) -> Any:
         """Call a service once with some fields in the request; returns the response; None if there was none."""
@@ -229,6 +238,11 @@ class Probe:
         if key not in self._actions:
             self._actions[key] = ActionProbe(self.node, name, action_type)
         return self._actions[key]
+
+
+def _events_of(service: str, service_type: str) -> tuple[str, str]:
+    """Return the topic of a service's events, and its type."""
+    return f"{service}/_service_event", f"{service_type}_Event"
 
 
 def offered_type(offers: Iterable[ServiceEndpoint], name: str, wanted: str) -> str:

@@ -13,6 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from grader.lab.steps import STEPS
+from grader.recording.record import prepare
+from grader.recording.session import Endpoint, GraphSnapshot, ServiceEndpoint, Trusted
 from launch_plan.plan import prepare_reader
 
 #: Ends of the names of modules with interfaces.
@@ -22,9 +24,11 @@ _BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")
 
 
 def build_models() -> None:
-    """Build the validators of all steps and of launch plans."""
+    """Build the validators of all steps and of launch plans, and the readers of a director's reports."""
     for model in STEPS.values():
         model.model_rebuild()
+        prepare([model.result])
+    prepare([GraphSnapshot, Endpoint, ServiceEndpoint, Trusted])
     prepare_reader()
 
 

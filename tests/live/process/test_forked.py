@@ -25,7 +25,7 @@ opened = os.dup2(os.open("/", os.O_RDONLY), 50)
 {main}
 
 async def run():
-    process = await start_forked(Program("a fork", main, {{"ONLY": "this"}}, {limit}))
+    process = start_forked(Program("a fork", main, {{"ONLY": "this"}}, {limit}))
     process.stdin.write(b"a line\\n")
     process.stdin.close()
     said, errors = await asyncio.to_thread(process.stdout.read), await asyncio.to_thread(process.stderr.read)

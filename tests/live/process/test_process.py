@@ -89,6 +89,37 @@ def test_a_carriage_return_ends_a_line() -> None:
     assert times == sorted(times)
 
 
+#: Forks a program that sends messages, and prints their lengths.
+_SENDS = """
+import asyncio, os
+from grader.live.process.forked import Program
+from grader.live.process.process import RunningProcess
+from grader.recording.session import ProcessRun
+
+def send():
+    for text in (b"a", b"\\nbc\\n", b"d" * 10**6 + b"\\nef"):
+        os.write(1, text) if len(text) < 10 else os.fdopen(os.dup(1), "wb").write(text)
+
+async def hear():
+    heard = []
+    process = await RunningProcess.fork(
+        ProcessRun("it", "grader", []), Program("it", send, {}), on_message=heard.append
+    )
+    await process.wait_exit(20)
+    print([len(message) for message in heard], heard[1])
+
+asyncio.run(hear())
+"""
+
+
+def test_a_message_is_heard_whole() -> None:
+    """A message of a program of the grader ends with its line, in however many pieces it comes, or with the output."""
+    said = subprocess.run(
+        [sys.executable, "-c", _SENDS], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert said.stdout == "[1, 2, 1000000, 2] b'bc'\n"
+
+
 def test_long_output_is_kept_up_to_a_size() -> None:
     """One megabyte of eight is kept, in whole lines."""
     record = run("import os; [os.write(1, (b'x' * 1023 + b'\\n') * 64) for _ in range(128)]")

@@ -55,6 +55,8 @@ def _clients(probe: Probe, service: str, kind: str, step: CallStep) -> list[Clie
     """Return the clients of a step; none if the service is not up."""
     timeout_s = min(step.timeout_s, BRIEFLY_S)
     numbers = range(step.clients)
+    for number in numbers:
+        probe.make_client(service, kind, number)
     clients = [probe.ready_client(service, kind, number, timeout_s) for number in numbers]
     ready = [client for client in clients if client is not None]
     return ready if len(ready) == len(clients) else []

@@ -18,6 +18,9 @@ from grader.live.ros_node.probe import Probe
 
 #: Problem of a step without an answer of the node.
 NO_ANSWER = "the node's parameter services do not answer"
+#: Names and types of the services for reading.
+_LIST = ("list_parameters", "ListParameters")
+_GET = ("get_parameters", "GetParameters")
 #: Names of a node's parameters that are passed on.
 _MOST_DECLARED = 200
 
@@ -25,6 +28,7 @@ _MOST_DECLARED = 200
 def get_parameters(probe: Probe, step: GetParametersStep) -> Answer:
     """Read the parameters with some names."""
     node = ParameterServices(probe, step.node, step.timeout_s)
+    node.make_clients()
     declared = node.declared()
     if declared is None:
         return Answer("timeout", GetParametersResult(NO_ANSWER, node.name))
@@ -44,18 +48,25 @@ class ParameterServices:
         #: Full name that the student uses.
         self.name = probe.node_name(node)
 
+    def make_clients(self) -> None:
+        """Make the clients for reading at once if the node has the services, so that there is one wait for both."""
+        offered = {service.name for service in self._probe.watch.last.services}
+        for operation, kind in (_LIST, _GET):
+            if f"{self.name}/{operation}" in offered:
+                self._probe.make_client(f"{self.name}/{operation}", f"rcl_interfaces/srv/{kind}")
+
     def _ask(self, operation: str, kind: str, **fields: Any) -> Any:
         service, service_type = f"{self.name}/{operation}", f"rcl_interfaces/srv/{kind}"
         return self._probe.ask(service, service_type, self._timeout_s, fields)
 
     def declared(self) -> list[str] | None:
         """Return the names of all parameters."""
-        listed = self._ask("list_parameters", "ListParameters")
+        listed = self._ask(*_LIST)
         return None if listed is None else list(listed.result.names)
 
     def values(self, names: list[str]) -> dict[str, ParameterValue] | None:
         """Return the values of parameters."""
-        got = self._ask("get_parameters", "GetParameters", names=names)
+        got = self._ask(*_GET, names=names)
         if got is None:
             return None
         values = {}

@@ -1,0 +1,91 @@
+"""Ends of pipes in an event loop: blocks as they come, and data for a slow reader or for none."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+
+import pytest
+
+from grader.live.process.piped import BlockReader, PipeWriter
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
+
+
+def test_blocks_are_handed_on_as_they_come_and_the_end_is_an_empty_one() -> None:
+    """Each write is one block for a reader that is faster, and the pipe is closed at its end."""
+    blocks: list[bytes] = []
+
+    async def read() -> bool:
+        reading, writing = os.pipe()
+        pipe = os.fdopen(reading, "rb", 0)
+        reader = BlockReader(pipe, blocks.append)
+        for block in (b"one", b"two"):
+            os.write(writing, block)
+            await asyncio.sleep(0.05)
+        os.close(writing)
+        await asyncio.wait_for(reader.ended, 10)
+        return pipe.closed
+
+    assert asyncio.run(read())
+    assert blocks == [b"one", b"two", b""]
+
+
+def test_a_stopped_reader_leaves_its_pipe_open() -> None:
+    """A program that goes on writing is neither read nor ended by a signal."""
+    blocks: list[bytes] = []
+
+    async def read() -> None:
+        reading, writing = os.pipe()
+        with os.fdopen(reading, "rb", 0) as pipe:
+            reader = BlockReader(pipe, blocks.append)
+            reader.stop()
+            os.write(writing, b"late")
+            await asyncio.sleep(0.05)
+            assert reader.ended.done()
+            os.close(writing)
+
+    asyncio.run(read())
+    assert not blocks
+
+
+def test_a_slow_reader_gets_all_data() -> None:
+    """Data beyond the room of a pipe is written later, in order, before the pipe is closed."""
+    sent = b"".join(b"%07d\n" % number for number in range(100_000))
+    program = "import sys, time; time.sleep(0.3); sys.stdout.buffer.write(sys.stdin.buffer.read())"
+
+    async def write() -> bytes:
+        command = [sys.executable, "-c", program]
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+        )
+        assert process.stdin is not None
+        assert process.stdout is not None
+        writer = PipeWriter(process.stdin)
+        writer.write(sent[:1000])
+        writer.write(sent[1000:])
+        writer.close()
+        writer.write(b"too late")
+        received = await asyncio.to_thread(process.stdout.read)
+        process.stdout.close()
+        process.wait()
+        return received
+
+    assert asyncio.run(write()) == sent
+
+
+def test_a_reader_that_is_gone_is_no_error() -> None:
+    """Data for an ended process is dropped."""
+
+    async def write() -> None:
+        reading, writing = os.pipe()
+        os.close(reading)
+        pipe = os.fdopen(writing, "wb", 0)
+        writer = PipeWriter(pipe)
+        writer.write(b"data")
+        writer.close()
+        assert pipe.closed
+
+    asyncio.run(write())
