@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import os
-import runpy
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.machinery import SourceFileLoader
+from types import ModuleType
 from typing import NoReturn
 
 from confine.limits import set_limit
@@ -42,9 +43,13 @@ class Program:
 
 
 def run_script(file: str, *arguments: str) -> None:
-    """Run a Python file as a program."""
+    """Run a Python file as a program, from its bytecode if Python has kept that."""
     sys.argv = [file, *arguments]
-    runpy.run_path(file, run_name="__main__")
+    loader = SourceFileLoader("__main__", file)
+    program = ModuleType("__main__")
+    program.__file__ = file
+    sys.modules["__main__"] = program
+    loader.exec_module(program)
 
 
 class ForkedProcess:
