@@ -286,7 +286,7 @@ class _Receiver:
                 reader.take()
 
     def received(self) -> list[list[dict[str, Any]]]:
-        """Take the last messages; return those of each topic and level, also for each subscription that joined late."""
+        """Take the last messages, and return all by topic and level, also for each subscription that joined late."""
         found: list[list[dict[str, Any]]] = [
             [
                 {"received": [], "late": self._none_late(n, level)}

@@ -83,17 +83,18 @@ class _Way:
         except OSError:
             return  # Nobody has that port yet, or any more.
 
-    def pass_due(self, now_ns: int) -> list[int]:
+    def pass_due(self) -> list[int]:
         """Pass on the packets that are due, and return for each how late it is, in ns."""
-        late_ns = []
+        lateness_ns = []
         while self.delayed:
             due_ns, packet = self.delayed[0]
-            if due_ns > now_ns:
+            late_ns = time.monotonic_ns() - due_ns
+            if late_ns < 0:
                 break
             self.delayed.popleft()
             self.pass_on(packet)
-            late_ns.append(now_ns - due_ns)
-        return late_ns
+            lateness_ns.append(late_ns)
+        return lateness_ns
 
 
 class _End:
@@ -201,10 +202,9 @@ class _Relay:
 
     def _do_due(self) -> None:
         """Do the actions that are due, and pass on the packets that are due."""
-        now_ns = time.monotonic_ns()
         for way in self._lossy:
-            self.late_ns += way.pass_due(now_ns)
-        while self._due and self._due[0][0] <= now_ns:
+            self.late_ns += way.pass_due()
+        while self._due and self._due[0][0] <= time.monotonic_ns():
             heapq.heappop(self._due)[2]()
 
     def _after(self, seconds: float, action: Callable[[], object]) -> None:
