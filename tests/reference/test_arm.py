@@ -19,7 +19,9 @@ from arm import (
     MEASURED_TOPIC,
     ArmSettings,
     CommandInput,
+    DataReader,
     Drawing,
+    State,
     marker,
     serialized_clock,
 )
@@ -85,12 +87,43 @@ def test_a_clock_is_the_message_serialized() -> None:
     assert serialized_clock(12_345_678_901) == serialization.serialize_message(message)
 
 
+def test_a_state_is_the_message_serialized() -> None:
+    """A state is byte for byte the message with the same data."""
+    serialization = pytest.importorskip("rclpy.serialization", reason="needs the ROS wheels")
+    from std_msgs.msg import Float64MultiArray
+
+    state = State()
+    for data in (TARGETS, TARGETS[::-1]):
+        expected = serialization.serialize_message(Float64MultiArray(data=data))
+        assert state.serialized(data) == expected
+
+
+def test_commands_are_read_with_any_layout() -> None:
+    """The data of a message are the same, whatever else it contains, and bytes that are no message are refused."""
+    serialization = pytest.importorskip("rclpy.serialization", reason="needs the ROS wheels")
+    from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+
+    reader = DataReader()
+    labelled = MultiArrayLayout(dim=[MultiArrayDimension(label="joints", size=7, stride=7)])
+    for layout in (MultiArrayLayout(), MultiArrayLayout(data_offset=1), labelled):
+        for data in (TARGETS, TARGETS[::-1], TARGETS[1:], [*TARGETS, 1.0], []):
+            message = Float64MultiArray(layout=layout, data=data)
+            assert list(reader.read(serialization.serialize_message(message))) == data
+    # With one dimension, which takes 13 bytes and its label, and without data: as long as seven numbers.
+    lookalike = MultiArrayLayout(dim=[MultiArrayDimension(label="l" * 40)])
+    as_long = serialization.serialize_message(Float64MultiArray(layout=lookalike))
+    plain = serialization.serialize_message(Float64MultiArray(data=TARGETS))
+    assert len(as_long) == len(plain)
+    assert list(reader.read(as_long)) == []
+    with pytest.raises(Exception, match="deserialize"):
+        reader.read(plain[:-1])
+
+
 def test_malformed_commands_are_ignored_and_counted() -> None:
     """A command of the wrong length or with a number that is not finite changes nothing."""
-    messages = pytest.importorskip("std_msgs.msg", reason="needs the ROS wheels")
     commands = CommandInput()
     for data in (TARGETS, TARGETS[:6], [], [float("nan")] * 7, [float("inf")] * 7):
-        commands.hear(messages.Float64MultiArray(data=data))
+        commands.hear(data)
     assert commands.latest is not None
     assert list(commands.latest) == TARGETS
     assert commands.ignored == 4

@@ -1,7 +1,9 @@
 """The configuration of reference nodes."""
 
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -70,3 +72,32 @@ def test_a_configuration_can_come_where_no_command_line_shows_it() -> None:
     )
     assert run.returncode == BAD_CONFIGURATION_STATUS
     assert "unknown setting 'plateaux'" in run.stderr
+
+
+#: Sleeps for a minute, through a signal that asks for no stop.
+SLEEPER = """
+import os, signal, time
+from grader.reference_node import StopRequest, sleep_until
+stop = StopRequest()
+signal.signal(signal.SIGUSR1, lambda number, frame: os.write(1, b"other\\n"))
+began_s = time.process_time()
+print("sleeps", flush=True)
+sleep_until(time.monotonic_ns() + 60 * 10**9, stop)
+print("stopped" if stop else "through", time.process_time() - began_s < 0.2, flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_ends_a_long_sleep(number: int) -> None:
+    """A node sleeps without looking for a stop, which ends its sleep, and no other signal does."""
+    with subprocess.Popen(
+        [sys.executable, "-I", "-c", SLEEPER], stdout=subprocess.PIPE, text=True
+    ) as sleeper:
+        assert sleeper.stdout is not None
+        assert sleeper.stdout.readline() == "sleeps\n"
+        sleeper.send_signal(signal.SIGUSR1)
+        assert sleeper.stdout.readline() == "other\n"
+        time.sleep(0.5)
+        assert sleeper.poll() is None
+        sleeper.send_signal(number)
+        assert sleeper.stdout.readline() == "stopped True\n"

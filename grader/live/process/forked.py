@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import runpy
 import signal
 import sys
 import traceback
@@ -17,6 +16,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from io import FileIO
+from importlib.machinery import SourceFileLoader
+from types import ModuleType
 from typing import NoReturn
 
 from confine.limits import set_limit
@@ -44,9 +45,13 @@ class Program:
 
 
 def run_script(file: str, *arguments: str) -> None:
-    """Run a Python file as a program."""
+    """Run a Python file as a program, from its bytecode if Python has kept that."""
     sys.argv = [file, *arguments]
-    runpy.run_path(file, run_name="__main__")
+    loader = SourceFileLoader("__main__", file)
+    program = ModuleType("__main__")
+    program.__file__ = file
+    sys.modules["__main__"] = program
+    loader.exec_module(program)
 
 
 def start_forked(program: Program) -> PipedProcess:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import (
@@ -40,6 +41,8 @@ from ros_bag.qos import Qos
 _MATCH_S, _KNOWN_S = 3.0, 0.1
 _LOOK_S = 0.01
 _WAIT_NS = 20_000_000
+#: Time between two looks for messages of earlier levels, in s.
+_EARLIER_S = 0.05
 #: More than are sent: a longer queue would take memory and change nothing.
 _DEEPEST = 2000
 #: Size limit of an empty message, in bytes: a student's type may have fields of any fixed size.
@@ -166,7 +169,10 @@ def _message_of(topic_type: str) -> bytes:
 def _publisher(node: Node, topic: LinkedTopic, name: str) -> Any:
     assert topic.offered is not None
     return node.create_publisher(
-        interface_named(topic.type), name, profile_of(carried(topic.offered))
+        interface_named(topic.type),
+        name,
+        profile_of(carried(topic.offered)),
+        event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
     )
 
 
@@ -191,8 +197,6 @@ def _publish(each: Sequence[tuple[Any, bytes]], rate_hz: float, duration_s: floa
 class _Reader:
     """A subscription, with the publication sequence number and the latency in µs of each received message."""
 
-    handle: Any
-    message_type: type
     subscription: Subscription
     number: int
     level: int
@@ -201,7 +205,8 @@ class _Reader:
 
     def take(self) -> None:
         """Take the messages that have arrived."""
-        while (message := self.handle.take_message(self.message_type, True)) is not None:
+        take, kind = self.subscription.handle.take_message, self.subscription.msg_type
+        while (message := take(kind, True)) is not None:
             info: Mapping[str, int] = message[1]
             latency_ns = time.time_ns() - info["source_timestamp"]
             self.received.append((info["publication_sequence_number"], latency_ns // 1000))
@@ -213,6 +218,9 @@ class _Receiver:
     def __init__(self, node: Node, plan: LinkPlan) -> None:
         self._node, self._plan = node, plan
         self.readers: list[_Reader] = []
+        #: Level of the messages that come now.
+        self._level = 0
+        self._take_earlier_s = 0.0
         #: Topics with a subscription, by number.
         self._compatible = {n: t for n, t in enumerate(plan.topics) if is_compatible(t)}
         self._late = [0] * len(plan.loss)
@@ -224,17 +232,31 @@ class _Receiver:
         self._late[level] += late
         for number, topic in self._compatible.items():
             assert topic.requested is not None
-            kind = interface_named(topic.type)
             made = self._node.create_subscription(
-                kind,
+                interface_named(topic.type),
                 _name(number, level),
                 lambda message: None,
                 profile_of(carried(topic.requested)),
                 raw=True,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             )
-            self.readers.append(_Reader(made.handle, kind, made, number, level, late))
+            self.readers.append(_Reader(made, number, level, late))
+        self._choose()
+
+    def _choose(self) -> None:
+        """Wait from now on for messages of the present level and later ones.
+
+        Each wait costs the more, the more subscriptions it is for; little comes for earlier levels.
+        """
+        self._waited: dict[int, _Reader] = {}
+        self._earlier: list[_Reader] = []
+        for reader in self.readers:
+            if reader.level < self._level:
+                self._earlier.append(reader)
+            else:
+                self._waited[reader.subscription.handle.pointer] = reader
         context = self._node.context.handle
-        self._set = rclpy_implementation.WaitSet(len(self.readers), 0, 0, 0, 0, 0, context)
+        self._set = rclpy_implementation.WaitSet(len(self._waited), 0, 0, 0, 0, 0, context)
 
     def wait(self) -> None:
         """Wait for messages, and take them."""
@@ -242,14 +264,29 @@ class _Receiver:
             time.sleep(_WAIT_NS / 1e9)
             return
         self._set.clear_entities()
-        for reader in self.readers:
-            self._set.add_subscription(reader.handle)
+        for reader in self._waited.values():
+            self._set.add_subscription(reader.subscription.handle)
         self._set.wait(_WAIT_NS)
-        for reader in self.readers:
+        reached = self._level
+        for pointer in self._set.get_ready_entities("subscription"):
+            reader = self._waited[pointer]
             reader.take()
+            reached = max(reached, reader.level)
+        if reached > self._level:
+            self._level = reached
+            self._choose()
+        self._take_earlier()
+
+    def _take_earlier(self) -> None:
+        """Take messages of earlier levels, now and then."""
+        now_s = time.monotonic()
+        if now_s >= self._take_earlier_s:
+            self._take_earlier_s = now_s + _EARLIER_S
+            for reader in self._earlier:
+                reader.take()
 
     def received(self) -> list[list[dict[str, Any]]]:
-        """Return the messages of each topic and level, also for each subscription that joined late."""
+        """Take the last messages, and return all by topic and level, also for each subscription that joined late."""
         found: list[list[dict[str, Any]]] = [
             [
                 {"received": [], "late": self._none_late(n, level)}
@@ -258,6 +295,7 @@ class _Receiver:
             for n in range(len(self._plan.topics))
         ]
         for reader in self.readers:
+            reader.take()
             here = found[reader.number][reader.level]
             if reader.late:
                 here["late"].append([number for number, _ in reader.received])

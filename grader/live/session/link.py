@@ -20,12 +20,13 @@ import math
 import os
 import random
 import resource
-import selectors
+import select
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import IO, Any
 
@@ -70,8 +71,30 @@ class _Way:
 
     near: socket.socket
     onward: socket.socket
-    port: int
+    address: tuple[str, int]
     lossy: bool
+    #: Packets on the way, each with the time in ns at which it is due.
+    delayed: deque[tuple[int, bytes]] = field(default_factory=deque)
+
+    def pass_on(self, packet: bytes) -> None:
+        """Send a packet to the far end."""
+        try:
+            self.onward.sendto(packet, self.address)
+        except OSError:
+            return  # Nobody has that port yet, or any more.
+
+    def pass_due(self) -> list[int]:
+        """Pass on the packets that are due, and return for each how late it is, in ns."""
+        lateness_ns = []
+        while self.delayed:
+            due_ns, packet = self.delayed[0]
+            late_ns = time.monotonic_ns() - due_ns
+            if late_ns < 0:
+                break
+            self.delayed.popleft()
+            self.pass_on(packet)
+            lateness_ns.append(late_ns)
+        return lateness_ns
 
 
 class _End:
@@ -109,7 +132,7 @@ class _End:
         ports = (discovery, data, discovery)
         onward = (far.sockets[0], far.sockets[1], far.sockets[0])
         return [
-            _Way(s, o, port, port == data)
+            _Way(s, o, (_HERE, port), port == data)
             for s, o, port in zip(self.sockets, onward, ports, strict=True)
         ]
 
@@ -133,48 +156,71 @@ class _Relay:
         self, sender: _End, receiver: _End, loss: Sequence[float], delay_s: float, seed: int
     ) -> None:
         self._sender, self._receiver = sender, receiver
-        self._loss, self._delay_s = loss, delay_s
+        self._loss, self._delay_ns = loss, round(delay_s * 1e9)
         self._losing = 0.0
         self._random = random.Random(seed)
+        self._ways = (*sender.ways(receiver), *receiver.ways(sender))
+        self._lossy: list[_Way] = []
+        for way in self._ways:
+            if way.lossy:
+                self._lossy.append(way)
         self._order = itertools.count()
         #: Actions with their times: (time, number, action).
-        self._due: list[tuple[float, int, Callable[[], object]]] = []
+        self._due: list[tuple[int, int, Callable[[], object]]] = []
         self._sent = [0] * len(loss)
         self._received: Any = None
         #: By how much each packet was later than it was to be.
-        self.late_s: list[float] = []
+        self.late_ns: list[int] = []
 
     def run(self) -> tuple[list[int], Any]:
         """Carry until all levels are through; return the number of messages sent in each, and the received ones."""
-        with selectors.EpollSelector() as selector:
-            for way in (*self._sender.ways(self._receiver), *self._receiver.ways(self._sender)):
-                selector.register(way.near, selectors.EVENT_READ, partial(self._carry, way))
+        with select.epoll() as selector:
+            sources: dict[int, Callable[[], object]] = {}
+            for way in self._ways:
+                sources[way.near.fileno()] = partial(self._carry, way)
+                selector.register(way.near, select.EPOLLIN)
             for end in (self._sender, self._receiver):
-                selector.register(end.lines, selectors.EVENT_READ, partial(self._hear, end))
+                sources[end.lines.fileno()] = partial(self._hear, end)
+                selector.register(end.lines, select.EPOLLIN)
             while self._received is None:
-                left_s = self._due[0][0] - time.monotonic() if self._due else None
-                for key, _ in selector.select(left_s if left_s is None else max(0.0, left_s)):
-                    key.data()
-                while self._due and self._due[0][0] <= time.monotonic():
-                    heapq.heappop(self._due)[2]()
+                for descriptor, _ in selector.poll(self._left_s()):
+                    sources[descriptor]()
+                self._do_due()
         return self._sent, self._received
 
+    def _left_s(self) -> float | None:
+        """Return the time until something is due."""
+        times_ns = []
+        if self._due:
+            times_ns.append(self._due[0][0])
+        for way in self._lossy:
+            if way.delayed:
+                times_ns.append(way.delayed[0][0])
+        if not times_ns:
+            return None
+        return max(0, min(times_ns) - time.monotonic_ns()) / 1e9
+
+    def _do_due(self) -> None:
+        """Do the actions that are due, and pass on the packets that are due."""
+        for way in self._lossy:
+            self.late_ns += way.pass_due()
+        while self._due and self._due[0][0] <= time.monotonic_ns():
+            heapq.heappop(self._due)[2]()
+
     def _after(self, seconds: float, action: Callable[[], object]) -> None:
-        heapq.heappush(self._due, (time.monotonic() + seconds, next(self._order), action))
+        due_ns = time.monotonic_ns() + round(seconds * 1e9)
+        heapq.heappush(self._due, (due_ns, next(self._order), action))
 
     def _carry(self, way: _Way) -> None:
-        with suppress(BlockingIOError):
-            while True:
-                packet = way.near.recv(_LARGEST_BYTES)
-                if not way.lossy:
-                    _pass_on(way, packet)
-                elif self._random.random() >= self._losing:
-                    due_s = time.monotonic() + self._delay_s
-                    self._after(self._delay_s, partial(self._pass_late, way, packet, due_s))
-
-    def _pass_late(self, way: _Way, packet: bytes, due_s: float) -> None:
-        self.late_s.append(time.monotonic() - due_s)
-        _pass_on(way, packet)
+        """Read a packet; drop, delay or pass it on. The selector tells of the packets behind it."""
+        try:
+            packet = way.near.recv(_LARGEST_BYTES)
+        except BlockingIOError:
+            return
+        if not way.lossy:
+            way.pass_on(packet)
+        elif self._random.random() >= self._losing:
+            way.delayed.append((time.monotonic_ns() + self._delay_ns, packet))
 
     def _hear(self, end: _End) -> None:
         line = end.lines.readline()
@@ -194,11 +240,6 @@ class _Relay:
             self._receiver.end()
         else:
             (self._received,) = what
-
-
-def _pass_on(way: _Way, packet: bytes) -> None:
-    with suppress(OSError):  # Nobody has that port yet, or any more.
-        way.onward.sendto(packet, (_HERE, way.port))
 
 
 def _used_cpu_s() -> float:
@@ -223,9 +264,9 @@ def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
     for _ in range(2):
         os.wait()
     late_ms = 0.0
-    if relay.late_s:
-        rank = int(0.95 * len(relay.late_s))
-        late_ms = 1e3 * sorted(relay.late_s)[rank]
+    if relay.late_ns:
+        rank = int(0.95 * len(relay.late_ns))
+        late_ms = sorted(relay.late_ns)[rank] / 1e6
     found = {
         "sent": sent,
         "received": received,
