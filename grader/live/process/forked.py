@@ -15,8 +15,8 @@ import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from io import FileIO
 from importlib.machinery import SourceFileLoader
+from io import FileIO
 from types import ModuleType
 from typing import NoReturn
 
