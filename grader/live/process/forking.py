@@ -10,9 +10,12 @@ import asyncio
 import os
 import select
 import signal
+import site
 import socket
 import subprocess
 import sys
+import tempfile
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -25,16 +28,92 @@ if TYPE_CHECKING:
     from typing import Self
 
 _MOST_REQUEST_BYTES = 16 * 1024
+#: Variable with the folders of shared libraries, and starts of the variables that the C library reads once.
+_LIBRARIES, _OF_LOADER = "LD_LIBRARY_PATH", ("LD_", "GLIBC_", "MALLOC_")
+#: Folder of the commands of this Python, which comes first for their imports.
+_SCRIPTS = str(Path(sys.executable).parent)
 #: Time for a server to end after its last request.
 _END_S = 5.0
 
 
-class _Running(Protocol):
+class Server(Protocol):
     """A server, as a process of this one, or as one of another server's."""
 
-    def wait(self, timeout: float) -> object: ...
+    def wait(self, timeout: float) -> object:
+        """Wait for its end; raises `OSError` or `subprocess.TimeoutExpired` if that takes too long."""
 
-    def kill(self) -> None: ...
+    def kill(self) -> None:
+        """Kill it, unless something else ends it."""
+
+
+class ForkedServer:
+    """A server as a fork of this process, instead of a Python started anew."""
+
+    def __init__(self, program: Program) -> None:
+        parent = os.getpid()
+        null = os.open(os.devnull, os.O_RDWR)
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()  # The fork would write it again.
+        self._pid = os.fork()
+        if self._pid == 0:
+            _forget_start()
+            become(program, parent, (null, null, null))
+        os.close(null)
+        self._end = os.pidfd_open(self._pid)
+
+    def wait(self, timeout: float) -> None:
+        """Wait for its end, so that its CPU time counts as this process's; raises `TimeoutError`."""
+        ended, _, _ = select.select([self._end], [], [], timeout)
+        if not ended:
+            raise TimeoutError
+        os.close(self._end)
+        os.waitpid(self._pid, 0)
+
+    def kill(self) -> None:
+        """Kill it; not after `wait`."""
+        os.kill(self._pid, signal.SIGKILL)
+
+
+def _forget_start() -> None:
+    """Undo, in a fork, the settings of this process that a Python started anew with `-I` would not have."""
+    tempfile.tempdir = None
+    if sys.path[0] == _SCRIPTS:
+        del sys.path[0]
+
+
+def may_fork_as(environment: Mapping[str, str]) -> bool:
+    """Return whether a fork of this process can stand for a Python started anew with `-I` and an environment.
+
+    The dynamic loader and Python keep settings from the start of a process, and a fork has one thread only.
+    """
+    if threading.active_count() > 1:
+        return False
+    if sys.getfilesystemencoding() != "utf-8":
+        return False
+    if (sys.stdout, sys.stderr) != (sys.__stdout__, sys.__stderr__):
+        return False
+    for name in os.environ:
+        if name.startswith(_OF_LOADER) and name != _LIBRARIES:
+            return False
+    if _entries(os.environ) != _entries(environment):
+        return False
+    return _has_own_modules_alone()
+
+
+def _entries(environment: Mapping[str, str]) -> set[str]:
+    return set(filter(None, environment.get(_LIBRARIES, "").split(os.pathsep)))
+
+
+def _has_own_modules_alone() -> bool:
+    """Return whether Python takes no modules from the working folder, from variables or from the user's home."""
+    if sys.flags.isolated:
+        return True
+    if site.ENABLE_USER_SITE:
+        return False
+    for name in ("PYTHONPATH", "PYTHONHOME"):
+        if os.environ.get(name):
+            return False
+    return sys.path[0] == _SCRIPTS
 
 
 class ForkingServer:
@@ -58,10 +137,10 @@ class ForkingServer:
     def __enter__(self) -> Self:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            self._process: _Running = self._start(theirs)
+            self._process: Server = self._start(theirs)
         return self
 
-    def _start(self, link: socket.socket) -> _Running:
+    def _start(self, link: socket.socket) -> Server:
         return start_helper(
             [*self._command, str(link.fileno()), *self._arguments],
             environment=self._environment,

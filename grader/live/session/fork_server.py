@@ -25,6 +25,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import NoReturn
 
 from confine.limits import lift
 from confine.namespaces import (
@@ -37,7 +38,13 @@ from confine.namespaces import (
 from confine.priority import put_self_first
 from grader.live.process.cpu_watch import watching_program
 from grader.live.process.forked import Program, become
-from grader.live.process.forking import ForkingServer, serve
+from grader.live.process.forking import (
+    ForkedServer,
+    ForkingServer,
+    Server,
+    may_fork_as,
+    serve,
+)
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.session.plan import SessionPlan
 from grader.live.session.warming import build_models, import_for
@@ -90,6 +97,21 @@ class ForkServer(ForkingServer):
     def branch(self, form: Form) -> ForkServer:
         """Return a fork of this server, which ends by itself."""
         return _Branch(self, form)
+
+
+class CommandsForkServer(ForkServer):
+    """A fork of the command, if the command started like it: the server has its imports then.
+
+    It is for the beginning of a single grading. A class may have to start a server again later, when the process has
+    threads.
+    """
+
+    def _start(self, link: socket.socket) -> Server:
+        environment = trusted_environment(Path("/"), 0)
+        if not may_fork_as(environment):
+            return super()._start(link)
+        serving = partial(_serve_sandboxes, link.fileno())
+        return ForkedServer(Program("fork server", serving, environment, kept=[link.fileno()]))
 
 
 class _Branch(ForkServer):
@@ -221,6 +243,10 @@ def _serve_branch() -> None:
 
 def main() -> None:
     """Serve the requests on the socket with the number in argv[1]."""
+    _serve_sandboxes(int(sys.argv[1]))
+
+
+def _serve_sandboxes(descriptor: int) -> NoReturn:
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     put_self_first()
     # Sandboxes have memory limits of their own, instead of the grader's.
@@ -228,7 +254,7 @@ def main() -> None:
     for module in _WITHOUT_ROS:
         importlib.import_module(module)
     build_models()
-    with socket.socket(fileno=int(sys.argv[1])) as link:
+    with socket.socket(fileno=descriptor) as link:
         serve(link, _program_of)
         _end_watch()
     os._exit(0)  # Skips the cleanup of a process with ROS, which takes 26 ms.

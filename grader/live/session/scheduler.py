@@ -23,7 +23,7 @@ from confine.isolation import Isolation
 from confine.machine import wait_for_calm
 from grader.bounded import Bound, begun
 from grader.live.sandbox.probing import probe_isolation
-from grader.live.session.fork_server import ForkServer
+from grader.live.session.fork_server import CommandsForkServer, ForkServer
 
 if TYPE_CHECKING:
     from grader.lab.rubric import SessionSpec
@@ -96,7 +96,7 @@ class LocalScheduler(ExitStack):
         self._jobs = jobs
         probing = partial(probe_isolation, interpreter)
         self._probed = self.enter_context(begun(probing, _PROBING_BOUND))
-        self._forks = self.enter_context(ForkServer())
+        self._forks = self.enter_context(CommandsForkServer())
 
     @cached_property
     def isolation(self) -> Isolation:
