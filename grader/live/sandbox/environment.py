@@ -366,16 +366,30 @@ def absent_modules(installation: Installation, names: Sequence[str]) -> list[str
 
     Nothing of the submission is on its path, and no module is imported for it.
     """
-    own = _own_modules(installation)
     unknown = list(names)
+    absent = []
+    own = _own_modules(installation)
     if own:
         unknown = list(filter(lambda name: PathFinder.find_spec(name, own) is None, names))
+        absent = list(filter(_is_absent_here, unknown))
+        unknown = list(filter(lambda name: name not in absent, unknown))
     if not unknown:
-        return []
+        return absent
     try:
-        return ask(installation, _FIND, *unknown).split()
+        return absent + ask(installation, _FIND, *unknown).split()
     except ValueError:
         return None
+
+
+def _is_absent_here(name: str) -> bool:
+    """Tell whether this process finds no top-level module of a name.
+
+    It finds all that its interpreter finds alone, and more where variables lead.
+    """
+    try:
+        return importlib.util.find_spec(name) is None
+    except ValueError:  # `__main__` has no origin.
+        return False
 
 
 def _own_modules(installation: Installation) -> list[str]:
