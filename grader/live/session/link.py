@@ -26,7 +26,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import IO, Any
 
@@ -73,8 +73,6 @@ class _Way:
     onward: socket.socket
     address: tuple[str, int]
     lossy: bool
-    #: Packets on the way, each with the time in ns at which it is due.
-    delayed: deque[tuple[int, bytes]] = field(default_factory=deque)
 
     def pass_on(self, packet: bytes) -> None:
         """Send a packet to the far end."""
@@ -82,19 +80,6 @@ class _Way:
             self.onward.sendto(packet, self.address)
         except OSError:
             return  # Nobody has that port yet, or any more.
-
-    def pass_due(self) -> list[int]:
-        """Pass on the packets that are due, and return for each how late it is, in ns."""
-        lateness_ns = []
-        while self.delayed:
-            due_ns, packet = self.delayed[0]
-            late_ns = time.monotonic_ns() - due_ns
-            if late_ns < 0:
-                break
-            self.delayed.popleft()
-            self.pass_on(packet)
-            lateness_ns.append(late_ns)
-        return lateness_ns
 
 
 class _End:
@@ -160,10 +145,8 @@ class _Relay:
         self._losing = 0.0
         self._random = random.Random(seed)
         self._ways = (*sender.ways(receiver), *receiver.ways(sender))
-        self._lossy: list[_Way] = []
-        for way in self._ways:
-            if way.lossy:
-                self._lossy.append(way)
+        #: Packets on the way, with the times at which they are due, in order.
+        self._delayed: deque[tuple[int, _Way, bytes]] = deque()
         self._order = itertools.count()
         #: Actions with their times: (time, number, action).
         self._due: list[tuple[int, int, Callable[[], object]]] = []
@@ -193,17 +176,22 @@ class _Relay:
         times_ns = []
         if self._due:
             times_ns.append(self._due[0][0])
-        for way in self._lossy:
-            if way.delayed:
-                times_ns.append(way.delayed[0][0])
+        if self._delayed:
+            times_ns.append(self._delayed[0][0])
         if not times_ns:
             return None
         return max(0, min(times_ns) - time.monotonic_ns()) / 1e9
 
     def _do_due(self) -> None:
         """Do the actions that are due, and pass on the packets that are due."""
-        for way in self._lossy:
-            self.late_ns += way.pass_due()
+        while self._delayed:
+            due_ns, way, packet = self._delayed[0]
+            late_ns = time.monotonic_ns() - due_ns
+            if late_ns < 0:
+                break
+            self._delayed.popleft()
+            way.pass_on(packet)
+            self.late_ns.append(late_ns)
         while self._due and self._due[0][0] <= time.monotonic_ns():
             heapq.heappop(self._due)[2]()
 
@@ -220,7 +208,7 @@ class _Relay:
         if not way.lossy:
             way.pass_on(packet)
         elif self._random.random() >= self._losing:
-            way.delayed.append((time.monotonic_ns() + self._delay_ns, packet))
+            self._delayed.append((time.monotonic_ns() + self._delay_ns, way, packet))
 
     def _hear(self, end: _End) -> None:
         line = end.lines.readline()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pytest
@@ -207,6 +208,27 @@ def test_no_time_of_a_profile_sets_the_pace_of_the_link(tmp_path: Path) -> None:
     (link,) = (run for run in record.processes if run.name == "link")
     assert link.usage, "nobody watched it"
     assert (link.limit, record.problems) == (None, [])
+
+
+def test_each_share_of_lost_packets_has_its_own_messages(tmp_path: Path) -> None:
+    """After a level with losses, the next one has its messages, and both have the subscriptions that join late."""
+    step = {
+        "link": {
+            **STEPS[-1]["link"],
+            "topics": ["/lossy", "/kept"],
+            "loss": [0.5, 0],
+            "duration_s": 0.5,
+        },
+        "label": "link",
+    }
+    topics = linked(record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record)[1]
+    for name in ("/lossy", "/kept"):
+        losing, whole = topics[name].crossings
+        assert len(losing.late) == len(whole.late) == 4
+        numbers, latencies_us = zip(*whole.received, strict=True)
+        assert numbers == tuple(range(1, whole.sent + 1))
+        assert median(latencies_us) < 200_000, "they were taken late"
+    assert len(topics["/lossy"].crossings[0].received) < topics["/lossy"].crossings[0].sent
 
 
 def test_sides_that_never_match_alone_are_carried_too(tmp_path: Path) -> None:
