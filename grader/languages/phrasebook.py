@@ -113,6 +113,13 @@ class Phrasebook:
         self._with_separator = set(itertools.chain.from_iterable(map(_first_items, self.whole)))
         self._index()
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return the state to be kept in a cache: without remembered texts, because these can be students'."""
+        state = dict(vars(self))
+        for name in ("_matching", "_beginnings", "_texts"):
+            state[name] = {}
+        return state
+
     def _index(self) -> None:
         """Keep each template under the word that the fewest others have; under an empty one without a word."""
         words = [template.anchors() for template in self.templates]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from grader.judging import languages
 from grader.judging.languages import in_lab, languages_of
 from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
@@ -15,8 +16,10 @@ from grader.languages import language
 @pytest.fixture
 def rubric(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rubric:
     """Give a lab in a folder of its own, and an empty cache."""
+    lab = read_rubric(None)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return read_rubric(None).model_copy(update={"folder": tmp_path / "lab"})
+    languages._languages.cache_clear()
+    return lab.model_copy(update={"folder": tmp_path / "lab"})
 
 
 def write_catalogue(rubric: Rubric, tag: str, translation: str) -> None:
@@ -37,8 +40,6 @@ def test_a_changed_catalogue_counts_at_once(rubric: Rubric) -> None:
 
 def test_kept_languages_are_the_same(rubric: Rubric, monkeypatch: pytest.MonkeyPatch) -> None:
     """Languages from the cache translate as those from the catalogues do, and share their search."""
-    from grader.judging import languages
-
     text = "The rate is 98.4 Hz; no answer"
     read = languages_of(rubric, "de")
     languages._languages.cache_clear()

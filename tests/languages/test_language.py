@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import time
 from pathlib import Path
 
@@ -221,3 +222,13 @@ def test_a_known_item_holds_the_separator_of_a_list() -> None:
     assert language.text("three, one, two") == "drei, eins zwei"
     assert language.text("One, two, three") == "Eins zwei, drei"
     assert language.text("one, four, three") == "one, four, drei"
+
+
+def test_a_kept_language_remembers_no_text(german: Language) -> None:
+    """Texts of students are not kept in a cache."""
+    assert german.text("3 messages of type Jane on /a") == "3 Nachrichten des Typs Jane auf /a"
+    kept = pickle.dumps(german)
+    assert b"Nachrichten" in kept
+    assert b"Jane" not in kept
+    again = pickle.loads(kept)
+    assert again.text("3 messages of type Jane on /a") == "3 Nachrichten des Typs Jane auf /a"
