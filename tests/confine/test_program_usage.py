@@ -115,7 +115,8 @@ def test_each_use_of_cpu_time_is_found() -> None:
     """A look finds the CPU time of threads and children, also of those that ended in between."""
     names = ("threads", "one thread", "ended thread", "child", "ended child")
     for found, used_s in zip(looks(*names), (0.03, 0.1, 0.1, 0.1, 0.1), strict=True):
-        assert used_s <= found["used_s"] < used_s + 0.06, found
+        # The kernel counts the time of an ended child in ticks of 10 ms, of user and system each.
+        assert used_s - 0.02 <= found["used_s"] < used_s + 0.06, found
         assert found["missed_s"] < 0.002, found
 
 

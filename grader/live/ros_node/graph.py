@@ -42,6 +42,8 @@ MAX_TOPICS = 400
 MAX_NODES = 400
 MAX_ENDPOINTS = 4000
 _INFINITE_NS = 2**62
+#: Library below rclpy. Each director would take 1.5 ms to open it.
+_RCL = ctypes.CDLL("librcl.so")
 #: Names that rcl takes, of 247 characters at most. A program without ROS may have others on DDS, and bytes that are no
 #: text; no reference node could be given one of them.
 _TOPIC_NAME = re.compile(r"(?=.{1,247}\Z)(?:/[A-Za-z_][A-Za-z0-9_]*)+")
@@ -350,11 +352,10 @@ class GraphEvents:
     """
 
     def __init__(self, node: Node) -> None:
-        rcl = ctypes.CDLL("librcl.so")
-        condition_of = rcl.rcl_node_get_graph_guard_condition
+        condition_of = _RCL.rcl_node_get_graph_guard_condition
         condition_of.restype = ctypes.c_void_p
         condition_of.argtypes = [ctypes.c_void_p]
-        self._add = rcl.rcl_wait_set_add_guard_condition
+        self._add = _RCL.rcl_wait_set_add_guard_condition
         self._add.argtypes = [ctypes.c_void_p] * 3
         context = node.context.handle
         with node.handle, context:

@@ -5,7 +5,6 @@ A kind is "answer", or the name of a list of the session's record that takes the
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import sys
 from typing import Any
@@ -13,5 +12,6 @@ from typing import Any
 
 def report(kind: str, value: Any) -> None:
     """Write a message."""
-    sys.stdout.write(json.dumps([kind, value], default=dataclasses.asdict) + "\n")
+    # As records are written, without a copy of all values.
+    sys.stdout.write(json.dumps([kind, value], default=vars) + "\n")
     sys.stdout.flush()
