@@ -38,9 +38,12 @@ def inside_s(recording: Path) -> float:
     """Return the CPU time of the student's programs in a recording, in s."""
     total_ns = 0
     for run in read_session(recording).processes:
-        if run.role == "student" and not run.name.startswith(_EVALUATION):
-            for last in run.usage[-1:]:
-                total_ns += last.cpu_ns
+        if run.role != "student":
+            continue
+        if run.name.startswith(_EVALUATION):
+            continue
+        for last in run.usage[-1:]:
+            total_ns += last.cpu_ns
     return total_ns / 1e9
 
 

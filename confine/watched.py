@@ -95,7 +95,7 @@ class Watched:
         """
         clocks_ns = self._read_clocks()
         waited = (0, 0)
-        if not clocks_ns or clocks_ns - self.cpu_ns != self.excess_ns:
+        if not self._explains(clocks_ns):
             waited = self._read_threads(clocks_ns)
         self.history.append((now_ns, self.cpu_ns))
         return waited
@@ -108,11 +108,17 @@ class Watched:
             waited_ns = self._read_thread(thread)
             together_ns += waited_ns
             longest_ns = max(longest_ns, waited_ns)
-            if clocks_ns and clocks_ns - self.cpu_ns == self.excess_ns:
+            if self._explains(clocks_ns):
                 break
         else:
             self.excess_ns = clocks_ns - self.cpu_ns
         return together_ns, longest_ns
+
+    def _explains(self, clocks_ns: int) -> bool:
+        """Tell whether the CPU time taken so far explains the clocks, if these could be read."""
+        if not clocks_ns:
+            return False
+        return clocks_ns - self.cpu_ns == self.excess_ns
 
     def _read_clocks(self) -> int:
         """Return the sum of all clocks in ns, 0 as soon as one of them has ended."""

@@ -1,6 +1,6 @@
 """Runs a session of the rubric with plain programs: no sandbox, no tap, no priorities, no limits.
 
-The director's actions and the reference nodes are those of a session. Prints the CPU time of each of the student's
+It takes the director's actions and the reference nodes of a session. Prints the CPU time of each of the student's
 programs in s, e.g. `{"publisher": 1.1}`. Arguments: the session's name, and the folder of its recording for the
 commands of a launch file.
 """
@@ -26,6 +26,7 @@ from grader.lab.steps.wait_exit import WaitExitStep
 from grader.lab.steps.wait_for import WaitForStep
 from grader.live.ros_node.probe import Probe
 from grader.live.ros_node.steps import ACTIONS
+from grader.live.ros_node.steps.wait_for import wait_for
 from grader.recording.session import read_session
 
 #: Variables that no program of a student has in its own terminal.
@@ -52,8 +53,8 @@ class _PlainSession:
         """Do a step; steps that only a sandbox can do are passed over."""
         if isinstance(step, StartStep):
             self._start(step)
-        elif isinstance(step, WaitForStep) and step.output_of:
-            self._wait_for_text(step.output_of, step.text or "", step.timeout_s)
+        elif isinstance(step, WaitForStep):
+            self._wait_for(step)
         elif isinstance(step, WaitExitStep):
             ended = self._running[step.process]
             self._probe.until(lambda: _has_ended(ended), step.timeout_s)
@@ -66,6 +67,14 @@ class _PlainSession:
             self._probe.processes += 1
             ACTIONS[type(step)](self._probe, step)
 
+    def _wait_for(self, step: WaitForStep) -> None:
+        if step.output_of is None:
+            self._probe.processes += 1
+            wait_for(self._probe, step)
+            return
+        assert step.text is not None
+        self._wait_for_text(step.output_of, step.text, step.timeout_s)
+
     def _start(self, step: StartStep) -> None:
         if step.reference:
             self._start_reference(step.reference, step.with_)
@@ -76,7 +85,8 @@ class _PlainSession:
             assert step.student is not None
             file = self._rubric.artifacts[step.student].file
             command = [str(SOLUTION / file), *_ros_arguments(step)]
-            self._run(step.name or step.student, command)
+            name = step.student if step.name is None else step.name
+            self._run(name, command)
 
     def _run(self, name: str, command: Sequence[str]) -> None:
         environment = {key: os.environ[key] for key in os.environ if key not in _OF_THE_GRADER}

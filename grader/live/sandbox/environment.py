@@ -370,9 +370,9 @@ def absent_modules(installation: Installation, names: Sequence[str]) -> list[str
     absent = []
     own = _own_modules(installation)
     if own:
-        unknown = list(filter(lambda name: PathFinder.find_spec(name, own) is None, names))
-        absent = list(filter(_is_absent_here, unknown))
-        unknown = list(filter(lambda name: name not in absent, unknown))
+        elsewhere = list(filter(lambda name: PathFinder.find_spec(name, own) is None, names))
+        absent = list(filter(_is_absent_here, elsewhere))
+        unknown = sorted(set(elsewhere).difference(absent))
     if not unknown:
         return absent
     try:
