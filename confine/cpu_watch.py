@@ -17,7 +17,7 @@ processes since then, in seconds. The name of a process is written as soon as it
 processes when the requests end (see `Delay`):
 
     "node"
-    {"node": [[1795297328094735593, 10000000, 4000000]]}
+    {"node": [[1795297328094735593, 10000000, 4000000, 0]]}
 """
 
 from __future__ import annotations
@@ -321,7 +321,7 @@ def _note_stop(watched: Watched, sample: Sample) -> None:
     """
     more_ns = sample.stalled_ns - watched.noted_since(sample.looked_ns)
     if _LEAST_NS < more_ns < _PERIOD_NS + _LEAST_NS:
-        watched.note(sample.looked_ns, sample.now_ns, more_ns)
+        watched.note(sample.looked_ns, sample.now_ns, more_ns, more_ns)
 
 
 def _judge(watched: Watched, own: list[Watched], waited: tuple[int, int], sample: Sample) -> None:
@@ -336,13 +336,14 @@ def _judge(watched: Watched, own: list[Watched], waited: tuple[int, int], sample
     # A wait is counted when it ends; it began as long ago.
     start_ns = min(sample.looked_ns, sample.now_ns - longest_ns)
     noted_ns = watched.noted_since(start_ns)
-    delay_ns = sample.stalled_ns - noted_ns
+    stalled_ns = max(0, sample.stalled_ns - noted_ns)
+    delay_ns = stalled_ns
     if longest_ns > _LEAST_NS:
         used_ns = sum(other.used_since(start_ns) for other in own)
         unused_ns = sample.now_ns - start_ns - used_ns
         delay_ns = max(delay_ns, min(together_ns, unused_ns) - noted_ns)
     if delay_ns > _LEAST_NS:
-        watched.note(start_ns, sample.now_ns, delay_ns)
+        watched.note(start_ns, sample.now_ns, delay_ns, stalled_ns)
 
 
 def main(link: socket.socket) -> None:

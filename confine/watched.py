@@ -21,7 +21,7 @@ _MOST_DELAYS = 1000
 _HISTORY = 200
 #: Time after a delay that it may still affect, in ns: two and a half intervals of a program at 100 Hz.
 _AFTER_NS = 25_000_000
-#: A delay: its start, the length of its span, and the delay itself, in ns.
+#: A delay: its start, the length of its span, the delay itself, and how much of it the core stood still, in ns.
 Delay = list[int]
 
 
@@ -164,7 +164,7 @@ class Watched:
     def noted_since(self, t_ns: int) -> int:
         """Return the sum of the noted delays since a time, in ns."""
         total_ns = 0
-        for start_ns, length_ns, delay_ns in reversed(self.delays):
+        for start_ns, length_ns, delay_ns, _ in reversed(self.delays):
             left_ns = start_ns + length_ns - t_ns
             if left_ns <= 0:
                 break
@@ -175,17 +175,18 @@ class Watched:
         """Return the time between delays since a time, without the times after these that they may affect."""
         calm_ns = 0
         calm_since_ns = since_ns
-        for start_ns, length_ns, _ in [*self.delays, [now_ns, 0, 0]]:
+        for start_ns, length_ns, *_ in [*self.delays, [now_ns, 0]]:
             end_ns = start_ns + length_ns
             if end_ns > since_ns:
                 calm_ns += max(0, start_ns - calm_since_ns - _AFTER_NS)
                 calm_since_ns = end_ns
         return calm_ns
 
-    def note(self, start_ns: int, end_ns: int, delay_ns: int) -> None:
-        """Note a delay within a span of time."""
+    def note(self, start_ns: int, end_ns: int, delay_ns: int, stalled_ns: int) -> None:
+        """Note a delay within a span of time, and how much of it the core stood still."""
         length_ns = end_ns - start_ns
-        self.delays.append([start_ns, length_ns, min(delay_ns, length_ns)])
+        delay_ns = min(delay_ns, length_ns)
+        self.delays.append([start_ns, length_ns, delay_ns, min(stalled_ns, delay_ns)])
         if len(self.delays) > _MOST_DELAYS:
             self.delays = _joined(self.delays)
 
@@ -195,7 +196,7 @@ def _joined(delays: list[Delay]) -> list[Delay]:
     joined = []
     for first, second in zip(delays[::2], delays[1::2], strict=False):
         length_ns = second[0] + second[1] - first[0]
-        joined.append([first[0], length_ns, first[2] + second[2]])
+        joined.append([first[0], length_ns, first[2] + second[2], first[3] + second[3]])
     if len(delays) % 2:
         joined.append(delays[-1])
     return joined

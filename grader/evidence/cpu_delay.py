@@ -59,6 +59,13 @@ class Delay:
     start_ns: int
     end_ns: int
     delay_ns: int
+    #: Standstill of the core in the delay; the rest are waits for other programs.
+    stalled_ns: int = 0
+
+    @property
+    def waited_ns(self) -> int:
+        """Waits for other programs in the delay, in ns."""
+        return self.delay_ns - self.stalled_ns
 
 
 def clipped(delays: Iterable[Delay], span: Span) -> Iterator[Delay]:

@@ -411,16 +411,18 @@ class Recorded:
                 delay_s = self._sampled_delay_s(run, part)
                 found.append(Delay(part.start_ns, part.end_ns, round(delay_s * 1e9)))
             return tuple(found)
-        for start_ns, length_ns, delay_ns in run.disturbed:
-            found.append(Delay(start_ns, start_ns + length_ns, delay_ns))
+        for start_ns, length_ns, delay_ns, stalled_ns in _noted(run):
+            end_ns = start_ns + length_ns
+            found.append(Delay(start_ns, end_ns, delay_ns, stalled_ns))
         if run.role == "student":
             return self._left_of(run, found)
         return tuple(found)
 
     def _left_of(self, run: ProcessRun, noted: Sequence[Delay]) -> tuple[Delay, ...]:
-        """Return noted delays, shortened in each part of the session to the time that others had the cores.
+        """Return noted delays, with the waits in each part of the session shortened to the time that others had the cores.
 
-        The threads of a program also wait for each other, and its children come and go between two samples.
+        The threads of a program also wait for each other, and its children come and go between two samples. Nobody has
+        a core while it stands still: it then counts as idle.
         """
         edges = [sample.t_ns for sample in self.record.machine[::_SAMPLES_OF_A_PART]]
         parts: dict[int, list[Delay]] = {}
@@ -428,13 +430,13 @@ class Recorded:
             parts.setdefault(bisect.bisect_right(edges, delay.start_ns), []).append(delay)
         left: list[Delay] = []
         for delays in parts.values():
-            noted_ns = sum(delay.delay_ns for delay in delays)
+            waited_ns = sum(delay.waited_ns for delay in delays)
             end_ns = max(delay.end_ns for delay in delays)
             most_s = self._others_around_s(run, Span(delays[0].start_ns, end_ns))
-            share = min(1.0, most_s * 1e9 / max(1, noted_ns))
+            share = min(1.0, most_s * 1e9 / max(1, waited_ns))
             for delay in delays:
-                delay_ns = round(share * delay.delay_ns)
-                left.append(Delay(delay.start_ns, delay.end_ns, delay_ns))
+                delay_ns = delay.stalled_ns + round(share * delay.waited_ns)
+                left.append(replace(delay, delay_ns=delay_ns))
         return tuple(left)
 
     def _others_around_s(self, run: ProcessRun, span: Span) -> float:
@@ -477,7 +479,7 @@ class Recorded:
 
     @functools.cache  # noqa: B019 - see `stream`
     def _disturbed(self, run: ProcessRun) -> Integers:
-        columns: Integers = np.array(run.disturbed, dtype=np.int64).reshape(-1, 3).T
+        columns: Integers = np.array(_noted(run), dtype=np.int64).reshape(-1, 4).T
         return columns
 
     def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
@@ -487,17 +489,21 @@ class Recorded:
         """
         if run.disturbed is None:
             return self._sampled_delay_s(run, span)
-        start_ns, length_ns, delay_ns = self._disturbed(run)
+        start_ns, length_ns, delay_ns, stalled_ns = self._disturbed(run)
         first_ns = np.maximum(start_ns, span.start_ns)
         within_ns = np.minimum(start_ns + length_ns, span.end_ns) - first_ns
-        delays_ns = np.minimum(delay_ns, np.maximum(within_ns, 0))
+        most_ns = np.maximum(within_ns, 0)
+        delays_ns = np.minimum(delay_ns, most_ns)
         delay_s = float(delays_ns.sum()) / 1e9
         if run.role != "student":
             return delay_s
         if not delay_s:
             return 0.0
+        stalls_ns = np.minimum(stalled_ns, most_ns)
+        stalled_s = float(stalls_ns.sum()) / 1e9
+        waited_s = delay_s - stalled_s - self._unseen_s(span)
         most_s = self._others_around_s(run, span)
-        return max(0.0, min(delay_s - self._unseen_s(span), most_s))
+        return stalled_s + max(0.0, min(waited_s, most_s))
 
     def backlog(self, run: ProcessRun, span: Span, room_s: float = math.inf) -> Backlog:
         """Return the largest possible backlog of a process within a span.
@@ -698,6 +704,16 @@ class Recorded:
     @functools.cache  # noqa: B019 - see `stream`
     def _plain_output(self, run: ProcessRun) -> tuple[OutputLine, ...]:
         return tuple(plain_output(run.output))
+
+
+def _noted(run: ProcessRun) -> list[list[int]]:
+    """Return the noted delays of a watched process; earlier versions did not note whether a core stood still."""
+    assert run.disturbed is not None
+    noted = []
+    for delay in run.disturbed:
+        complete = [*delay, 0]
+        noted.append(complete[:4])
+    return noted
 
 
 def _parts(run: ProcessRun) -> Iterator[Span]:

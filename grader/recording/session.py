@@ -101,7 +101,8 @@ class ProcessRun:
     core: int | None = None
     #: Time since which it is held to the core.
     held_ns: int | None = None
-    #: Delays by the machine: [begin of a span, its length, delay within it], in ns. None if it was not watched.
+    #: Delays by the machine: [begin of a span, its length, delay within it, standstill of the core in the delay], in ns;
+    #: earlier versions left the last out. None if it was not watched.
     disturbed: list[list[int]] | None = None
     #: Frames of a compiled program that crashed, the innermost first: written by its process, never evidence for points.
     crash: list[StackFrame] = field(default_factory=list)

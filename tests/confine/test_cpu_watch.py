@@ -187,8 +187,10 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
         time.sleep(0.6)
         end = Moment.of(it.pid)
         delays = channel.seen()["it"]
-    alone_s = sum(delay for at, _, delay in delays if start.t_ns < at < middle.t_ns) / 1e9
-    both_s = sum(delay for at, _, delay in delays if start.t_ns < at < end.t_ns) / 1e9
+    alone_s = sum(delay for at, _, delay, _ in delays if start.t_ns < at < middle.t_ns) / 1e9
+    both_s = sum(delay for at, _, delay, _ in delays if start.t_ns < at < end.t_ns) / 1e9
+    stalled_s = sum(stalled for at, *_, stalled in delays if start.t_ns < at < end.t_ns) / 1e9
+    assert stalled_s < 0.3 * both_s, "to wait for another program is no stall"
     assert middle.waited_s - start.waited_s > 0.3
     assert alone_s <= start.unused_until(middle) + 0.1
     unused_s = start.unused_until(end)
@@ -246,6 +248,7 @@ def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
     # delay.
     stopped = [each for each in delays if each[2] > 100_000_000 and each[0] + each[1] > start_ns]
     assert len(stopped) == 1
+    assert stopped[0][3] > 100_000_000, "nobody had the core meanwhile"
     assert stopped[0][0] <= start_ns + 10_000_000
     assert end_ns <= stopped[0][0] + stopped[0][1]
     assert calm < (asked_ns - end_ns) / 1e9  # without any of the stopped time
@@ -298,4 +301,4 @@ def test_sessions_have_delays_of_their_own_processes_alone() -> None:
         found = {name: channel.seen() for name, channel in channels.items()}
     for name, delays in found.items():
         assert delays.keys() == {name}
-        assert sum(delay for _, _, delay in delays[name]) > 150_000_000
+        assert sum(delay for _, _, delay, _ in delays[name]) > 150_000_000

@@ -339,6 +339,25 @@ def test_what_the_students_unseen_processes_used_was_not_with_others(tmp_path: P
     )
 
 
+@pytest.mark.parametrize(("stalled_ns", "delay_s"), [(0, 0.0), (30_000_000, 3.0)])
+def test_a_core_that_stands_still_counts_as_idle_and_delays_all_the_same(
+    tmp_path: Path, stalled_ns: int, delay_s: float
+) -> None:
+    """A host that stops a mostly idle machine leaves its idle time growing; nobody else had the core then."""
+    recorded = Session(tmp_path).recorded()
+    recorded.record.machine = [
+        MachineSample(at(t), 0, idle_ns={"1": round(0.95e9 * t)}) for t in range(11)
+    ]
+    process = run(*((t, 0.05 * t, 0.0) for t in range(11)))
+    process.core, process.held_ns = 1, at(0)
+    process.disturbed = [[at(n / 10), 40_000_000, 30_000_000, stalled_ns] for n in range(100)]
+    recorded.record.processes = [process]
+    span = Span(at(0), at(10))
+    assert recorded.machine_delay_s(process, span) == pytest.approx(delay_s, abs=0.1)
+    together_s = sum(delay.delay_ns for delay in recorded.delays(process)) / 1e9
+    assert together_s == pytest.approx(delay_s, abs=0.3)
+
+
 @pytest.mark.parametrize(("cpu_s", "delay_s"), [(9.7, 0.3), (5.0, 4.0), (2.0, 4.0)])
 def test_children_that_share_a_programs_core_are_no_delay_by_the_machine(
     tmp_path: Path, cpu_s: float, delay_s: float
