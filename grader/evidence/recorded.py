@@ -493,14 +493,12 @@ class Recorded:
         first_ns = np.maximum(start_ns, span.start_ns)
         within_ns = np.minimum(start_ns + length_ns, span.end_ns) - first_ns
         most_ns = np.maximum(within_ns, 0)
-        delays_ns = np.minimum(delay_ns, most_ns)
-        delay_s = float(delays_ns.sum()) / 1e9
+        delay_s = _sum_s(delay_ns, most_ns)
         if run.role != "student":
             return delay_s
         if not delay_s:
             return 0.0
-        stalls_ns = np.minimum(stalled_ns, most_ns)
-        stalled_s = float(stalls_ns.sum()) / 1e9
+        stalled_s = _sum_s(stalled_ns, most_ns)
         waited_s = delay_s - stalled_s - self._unseen_s(span)
         most_s = self._others_around_s(run, span)
         return stalled_s + max(0.0, min(waited_s, most_s))
@@ -704,6 +702,12 @@ class Recorded:
     @functools.cache  # noqa: B019 - see `stream`
     def _plain_output(self, run: ProcessRun) -> tuple[OutputLine, ...]:
         return tuple(plain_output(run.output))
+
+
+def _sum_s(times_ns: Integers, most_ns: Integers) -> float:
+    """Return the sum of some times, each limited, in s."""
+    limited_ns = np.minimum(times_ns, most_ns)
+    return float(limited_ns.sum()) / 1e9
 
 
 def _noted(run: ProcessRun) -> list[list[int]]:
