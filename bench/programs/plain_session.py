@@ -131,6 +131,8 @@ class _PlainSession:
         process = self._running.pop(name)
         if not _has_ended(process):
             os.kill(process.pid, signal.SIGINT)
+        if not self._probe.until(lambda: _has_ended(process), _END_S):
+            os.kill(process.pid, signal.SIGKILL)
         _, _, used = os.wait4(process.pid, 0)
         process.returncode = 0
         self.cpu_s[name] = used.ru_utime + used.ru_stime
