@@ -268,8 +268,13 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
 
 
 def _misleading(context: Context, p: CallGated, gate: _Gate) -> Answer:
-    """Return the first answer with a message of the opposite state; None if all are right."""
-    refusals = [gate.off, gate.off_from_start]
+    """Return the first answer with a message of the opposite state; None if all are right.
+
+    A request granted from the start is a mistake of its own, with the right message.
+    """
+    refusals = [gate.off]
+    if _fits(gate.off_from_start, p.refused):
+        refusals.append(gate.off_from_start)
     if p.enabled_step is not None:
         refusals.append(_answer_to(context, p.enabled_step))
     if p.allowed_step is not None:

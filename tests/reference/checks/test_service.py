@@ -108,6 +108,21 @@ def test_a_message_of_the_opposite_state_misleads(
     assert finding.causes == (() if credit == "1" else ("messages",))
 
 
+def test_a_request_granted_from_the_start_misleads_nobody(tmp_path: Path) -> None:
+    """The node enables by its own account too, for example because its parameter has another name."""
+    session = Session(tmp_path).step("set_parameters", "off", parameters=SWITCHED_OFF)
+    answers = {
+        "refuse": answer(False, "Safety is off"),
+        "recover": answer(True, "Robot enabled"),
+        "from_start": answer(True, "Robot enabled"),
+    }
+    for label, response in answers.items():
+        called(session, label, call(response))
+    gate = {**GATED, "told_on": "(?i)^robot enabled$", "misled_credit": 0.4}
+    finding = judged(CALL_GATED, {**gate, "contrary_cause": "messages"}, session)
+    assert "messages" not in finding.causes
+
+
 @pytest.mark.parametrize(
     ("answers", "credit", "words"),
     [
