@@ -147,6 +147,57 @@ def stolen_ns() -> int:
     return _core_times().stolen_ns
 
 
+def cpu_quota(
+    mounted: Path = Path("/sys/fs/cgroup"), membership: Path = Path("/proc/self/cgroup")
+) -> float | None:
+    """Return the limit of control groups on this process's CPU time, in cores, e.g. 2.0; None without a limit.
+
+    Parameters
+    ----------
+    mounted
+        Folder with the hierarchy of version 2, or with one folder for each of version 1.
+    membership
+        File with a line for each hierarchy, e.g. "0::/system.slice/runner.service" or "4:cpu,cpuacct:/docker/0a1b".
+
+    References
+    ----------
+    cgroups(7); Linux, Documentation/admin-guide/cgroup-v2.rst (`cpu.max`) and scheduler/sched-bwc.rst.
+    """
+    found: list[float] = []
+    try:
+        lines = membership.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return None
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        top = mounted
+        if controllers:
+            if "cpu" not in controllers.split(","):
+                continue
+            top = mounted / controllers
+        group = top / path.lstrip("/")
+        while group.is_relative_to(top):
+            found += _quotas_of(group)
+            group = group.parent
+    return min(found, default=None)
+
+
+def _quotas_of(group: Path) -> list[float]:
+    """Return the limit of a control group as a number of cores, or nothing."""
+    try:
+        if (group / "cpu.max").exists():
+            quota, period = (group / "cpu.max").read_text(encoding="ascii").split()
+        else:
+            quota = (group / "cpu.cfs_quota_us").read_text(encoding="ascii")
+            period = (group / "cpu.cfs_period_us").read_text(encoding="ascii")
+        cores = int(quota) / int(period)
+    except (OSError, ValueError):  # "max" stands for no limit.
+        return []
+    if cores <= 0:  # In version 1, -1 stands for no limit.
+        return []
+    return [cores]
+
+
 def idle_s() -> float:
     """Return the idle time of the machine's cores since boot, in s of one core, on average."""
     idle_ns = _core_times().idle_ns

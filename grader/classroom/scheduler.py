@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import math
+import os
 import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 
 from confine.isolation import Isolation
-from confine.machine import idle_s
-from grader.live.session.scheduler import sessions_at_a_time
+from confine.machine import cpu_quota, idle_s
+from grader.live.session.scheduler import SESSIONS_PER_CORE, sessions_at_a_time
 
 _POLL_S = 0.1
 #: A sandbox more is admitted where the cores had nothing to do for this share of such a time: on two cores as much as
@@ -18,7 +20,10 @@ _POLL_S = 0.1
 #: session took before kept the short, busy ones waiting, and all others behind them.
 ROOM_SHARE, ROOM_S = 0.1, 0.3
 #: Largest number of slots; a request for all of them runs alone.
-MOST_SLOTS = 16
+MOST_SLOTS = 32
+#: Slots for each core, spare ones included. A session of Lab 09-01 needs 0.15 to 0.18 of a core: with four slots for
+#: each of two cores, these were busy 68 % of the time, and 90 % with six.
+SLOTS_PER_CORE = 6
 
 
 class Machine:
@@ -44,14 +49,42 @@ class Machine:
 
     @classmethod
     def of(cls, isolation: Isolation, jobs: int | None = None) -> Machine:
-        """Return this machine's slots: the wanted number, or one for each core, and as many spare ones.
+        """Return this machine's slots: the wanted number, or as many as one grading uses, and spare ones by cores.
 
-        Sandboxes that share a network could send messages to each other; they get a single slot.
+        Sandboxes that share a network could send messages to each other; they get a single slot. A quota of CPU time
+        leaves cores idle that may not be used; there are no spare slots then.
         """
         slots = sessions_at_a_time(isolation)
-        if jobs is not None and isolation.namespaces:
+        if not isolation.namespaces:
+            return cls(slots)
+        if jobs is not None:
             return cls(jobs)
-        return cls(slots, spare=slots if isolation.namespaces else 0)
+        quota = cpu_quota()
+        if quota is not None:
+            return cls(min(slots, max(1, math.floor(SESSIONS_PER_CORE * quota))))
+        cores = len(os.sched_getaffinity(0))
+        return cls(slots, spare=SLOTS_PER_CORE * cores - slots)
+
+    def submissions(self, sessions: int) -> int:
+        """Return how many submissions, of some sessions each, usually keep all slots in use.
+
+        While a submission is read, waits for its last session, or is judged, it uses fewer slots than it has sessions.
+        """
+        slots = self.slots + self.spare
+        twice = math.ceil(2 * slots / max(1, sessions))
+        return min(slots, 1 + twice)
+
+    def is_asked(self) -> bool:
+        """Return whether a request waits for slots; between two requests it is False for a moment."""
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as turnstile:
+                turnstile.bind(self._address("turnstile"))
+        except OSError:
+            return True
+        return False
+
+    def _address(self, name: str) -> str:
+        return f"\0{self._name}-{name}"
 
     async def take(self, parts: int | None = None) -> Callable[[], None]:
         """Wait for a slot, or for all slots of one of some parts; returns the context that frees them.
@@ -89,6 +122,6 @@ class Machine:
                         holder = held.enter_context(
                             socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
                         )
-                        holder.bind(f"\0{self._name}-{name}")
+                        holder.bind(self._address(name))
                     return held.pop_all()
             await asyncio.sleep(_POLL_S)

@@ -57,6 +57,8 @@ MOST_MEMORY_BYTES = 4 * 1024**3
 _END_S = 15.0
 #: Interval between reports of a waiting process, in s.
 _STILL_WAITS_S = 10.0
+#: Time without a request for slots after which another submission begins, and interval of the looks, in s.
+_UNASKED_S, _LOOK_S = 0.5, 0.1
 #: Number of losses of the common process in a row, without a finished grading in between, that are tolerated.
 _MOST_LOST = 3
 
@@ -75,7 +77,7 @@ class Workers(ForkingServer):
 
 
 class Here(ExitStack):
-    """Grading on this machine, of as many submissions at a time as it can have slots; used as a context.
+    """Grading on this machine, of as many submissions at a time as keep its slots in use; used as a context.
 
     Submissions lost with a killed process are graded once more, by a new process if it was the common one.
     """
@@ -83,7 +85,8 @@ class Here(ExitStack):
     def __init__(self, isolation: Isolation, machine: Machine) -> None:
         super().__init__()
         self._isolation, self._machine = isolation, machine
-        self._room = asyncio.Semaphore(machine.slots + machine.spare)
+        self._turn = asyncio.Lock()
+        self._running = 0
         self._workers: Workers | None = None
         self._lost = 0
 
@@ -92,13 +95,34 @@ class Here(ExitStack):
     ) -> tuple[Ending, Level]:
         """Grade a submission in a process of its own; returns its ending, and the confinement of its code."""
         job = replace(job, isolation=self._isolation, machine=self._machine)
-        async with self._room:
+        async with self._turn:
+            await self._wait_for_room(len(job.rubric.sessions))
+            self._running += 1
+        try:
             ending = await self._grade(job, on_progress)
             if isinstance(ending, ProcessLostError):
                 again = Progress("", "restarting: a grader process was killed")
                 on_progress(again)
                 ending = await self._grade(job, on_progress)
             return ending, self._isolation.level
+        finally:
+            self._running -= 1
+
+    async def _wait_for_room(self, sessions: int) -> None:
+        """Wait until fewer submissions run than usually keep the slots in use, or until no session waits for a slot.
+
+        Each running submission needs memory, 18 MB in Lab 09-01.
+        """
+        usual = self._machine.submissions(sessions)
+        most = self._machine.slots + self._machine.spare
+        unasked_s = 0.0
+        while self._running >= usual:
+            if unasked_s >= _UNASKED_S and self._running < most:
+                return
+            await asyncio.sleep(_LOOK_S)
+            unasked_s += _LOOK_S
+            if self._machine.is_asked():
+                unasked_s = 0.0
 
     async def _grade(self, job: Job, on_progress: Callable[[Progress], None]) -> Ending:
         if self._lost == _MOST_LOST:

@@ -193,3 +193,39 @@ def test_sandboxes_that_share_a_network_run_one_at_a_time(jobs: int | None) -> N
     """Whatever was asked for, a submission is not given the chance to speak in another's network."""
     assert Machine.of(Isolation(Level.NONE), jobs).slots == 1
     assert Machine.of(Isolation(Level.FULL, Form.USER), 7).slots == 7
+
+
+def test_a_request_is_seen_while_it_waits() -> None:
+    """Only a request that has to wait shows that slots are wanted."""
+
+    async def scenario() -> None:
+        slots = machine(1)
+        running = await slots.take()
+        assert not slots.is_asked()
+        waiting = await waits(slots.take())
+        assert slots.is_asked()
+        running()
+        (await waiting)()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("slots", "spare", "sessions", "submissions"),
+    [(4, 8, 5, 6), (4, 8, 1, 12), (1, 0, 5, 1), (4, 0, 0, 4)],
+)
+def test_few_submissions_keep_the_slots_in_use(
+    slots: int, spare: int, sessions: int, submissions: int
+) -> None:
+    """The more sessions a submission has, the fewer run side by side."""
+    assert Machine(slots, spare=spare).submissions(sessions) == submissions
+
+
+def test_a_quota_leaves_no_spare_slots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Idle cores do not help a program that may not use them."""
+    confined = Isolation(Level.FULL, Form.USER)
+    monkeypatch.setattr("grader.classroom.scheduler.cpu_quota", lambda: 1.0)
+    limited = Machine.of(confined)
+    assert (limited.slots, limited.spare) == (2, 0)
+    monkeypatch.setattr("grader.classroom.scheduler.cpu_quota", lambda: None)
+    assert Machine.of(confined).spare > 0

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from confine.cgroup import SandboxCgroup, cgroup_parents
-from confine.machine import read_clocks, wait_for_calm
+from confine.machine import cpu_quota, read_clocks, wait_for_calm
 
 
 def test_a_core_that_is_lost_between_two_clocks_is_no_clock_that_was_set() -> None:
@@ -67,3 +68,33 @@ def test_a_group_counts_processes_that_nobody_waits_for() -> None:
         assert os.times().children_user - begun_s < 0.3
     finally:
         group.remove()
+
+
+@pytest.mark.parametrize(
+    ("membership", "files", "cores"),
+    [
+        ("0::/a/b", {"a/cpu.max": "150000 100000", "a/b/cpu.max": "max 100000"}, 1.5),
+        ("0::/", {"cpu.max": "200000 100000"}, 2.0),
+        ("0::/a", {"a/cpu.max": "max 100000"}, None),
+        (
+            "5:cpu,cpuacct:/a\n4:memory:/m\n0::/",
+            {
+                "cpu,cpuacct/a/cpu.cfs_quota_us": "50000",
+                "cpu,cpuacct/a/cpu.cfs_period_us": "100000",
+            },
+            0.5,
+        ),
+        ("1:cpu:/", {"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, None),
+        ("0::/../elsewhere", {}, None),
+    ],
+)
+def test_quota_is_the_smallest_of_all_groups_above(
+    tmp_path: Path, membership: str, files: dict[str, str], cores: float | None
+) -> None:
+    """Both versions of control groups limit the time of cores, at any level."""
+    for name, text in files.items():
+        file = tmp_path / "cgroup" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"{text}\n", encoding="ascii")
+    (tmp_path / "membership").write_text(f"{membership}\n", encoding="utf-8")
+    assert cpu_quota(tmp_path / "cgroup", tmp_path / "membership") == cores

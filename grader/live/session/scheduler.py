@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from grader.lab.rubric import SessionSpec
 
 #: Largest measured number of sessions per core with sound 100 Hz timing (p99 jitter under 6 ms).
-_SESSIONS_PER_CORE = 2
+SESSIONS_PER_CORE = 2
 #: Most sessions at a time.
 _MOST_SESSIONS = 4
 #: Head start of the longest sessions, in s: the time a program takes to begin.
@@ -46,7 +46,7 @@ def sessions_at_a_time(isolation: Isolation) -> int:
     if not isolation.namespaces:
         return 1
     cores = len(os.sched_getaffinity(0))
-    return max(1, min(_MOST_SESSIONS, _SESSIONS_PER_CORE * cores))
+    return max(1, min(_MOST_SESSIONS, SESSIONS_PER_CORE * cores))
 
 
 class Scheduler(Protocol):
