@@ -439,6 +439,8 @@ def _grade_one(
         graded = ", ".join(live.sessions)
         print_note(console, f"Sessions graded: {graded}. The score leaves out the others.")
     if options.timings:
+        # The CPU time of sandboxes counts when the fork server, their parent, has ended.
+        options.local.close()
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         print_timings(console, watch, result.provenance, children.ru_utime + children.ru_stime)
     console.print(f"Report: {results / result_folder.REPORT_FILE}", soft_wrap=True, markup=False)

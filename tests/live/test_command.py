@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -121,10 +122,13 @@ def test_regrading_gives_the_same_bytes(alice: Graded, tmp_path: Path) -> None:
 
 
 def test_one_session_can_be_chosen(tmp_path: Path) -> None:
-    """`--sessions` restricts grading to one session; `-o` and `--fail-under` work with it."""
+    """`--sessions` restricts grading to one session; `-o`, `--fail-under` and `--timings` work with it."""
     arguments = ("--sessions", "publisher", "-o", tmp_path / "out", "--fail-under", "99")
-    run = grade(ALICE, *arguments, cwd=tmp_path)
+    run = grade(ALICE, *arguments, "--timings", cwd=tmp_path)
     assert run.returncode == 1, run.stderr
+    cpu = re.search(r"student's processes ([\d.]+) s, the grader's ([\d.]+) s", run.stdout)
+    assert cpu is not None, run.stdout
+    assert min(map(float, cpu.groups())) > 0
     result = json.loads((tmp_path / "out" / "alice" / "result.json").read_text(encoding="utf-8"))
     recordings = tmp_path / "out" / "alice" / "recordings"
     assert [p.parent.name for p in recordings.glob("*/session.json")] == ["publisher"]
