@@ -14,6 +14,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
 from arm import (
+    ALIGNMENT,
     COMMANDED_TOPIC,
     LOOKS,
     MEASURED_TOPIC,
@@ -109,14 +110,24 @@ def test_commands_are_read_with_any_layout() -> None:
         for data in (TARGETS, TARGETS[::-1], TARGETS[1:], [*TARGETS, 1.0], []):
             message = Float64MultiArray(layout=layout, data=data)
             assert list(reader.read(serialization.serialize_message(message))) == data
+    plain = serialization.serialize_message(Float64MultiArray(data=TARGETS))
+    require_reading_without_building(reader, plain)
     # With one dimension, which takes 13 bytes and its label, and without data: as long as seven numbers.
     lookalike = MultiArrayLayout(dim=[MultiArrayDimension(label="l" * 40)])
     as_long = serialization.serialize_message(Float64MultiArray(layout=lookalike))
-    plain = serialization.serialize_message(Float64MultiArray(data=TARGETS))
     assert len(as_long) == len(plain)
     assert list(reader.read(as_long)) == []
     with pytest.raises(Exception, match="deserialize"):
         reader.read(plain[:-1])
+
+
+def require_reading_without_building(reader: DataReader, plain: bytes) -> None:
+    """Require that no message is built of these bytes, whatever a serializer left where the data are aligned."""
+    place = len(plain) - 8 * len(TARGETS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rclpy.serialization.deserialize_message", None)
+        for left in (bytes(ALIGNMENT), b"\xff" * ALIGNMENT):
+            assert reader.read(plain[: place - ALIGNMENT] + left + plain[place:]) == tuple(TARGETS)
 
 
 def test_malformed_commands_are_ignored_and_counted() -> None:
