@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -44,14 +45,21 @@ def test_what_a_program_left_at_home_does_not_run_in_the_next(tmp_path: Path) ->
 
 
 def test_the_grader_and_students_discover_each_other_alike() -> None:
-    """The grader's profiles add the acknowledgements of its readers alone."""
+    """The grader's profiles add the times of its readers and writers alone."""
     students, trusted = (
         re.sub(r"<!--.*?-->", "", file.read_text(), flags=re.DOTALL)
         for file in (DISCOVERY_FILE, TRUSTED_FILE)
     )
-    without = re.sub(r" *<data_reader .*</data_reader>\n", "", trusted, flags=re.DOTALL)
-    assert without != trusted
+    without = re.sub(r" *<(data_\w+) .*?</\1>\n", "", trusted, flags=re.DOTALL)
     assert without == students
+    profiles = ElementTree.fromstring(trusted.strip())[0]
+    _transports, _participant, *endpoints = profiles
+    assert [endpoint.tag.rpartition("}")[2] for endpoint in endpoints] == [
+        "data_reader",
+        "data_writer",
+    ]
+    for endpoint in endpoints:
+        assert [setting.tag.rpartition("}")[2] for setting in endpoint] == ["times"]
 
 
 def test_modules_that_nobody_has_need_no_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
