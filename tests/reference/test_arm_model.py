@@ -245,6 +245,30 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     assert first[:2000] != digest(2, 1000, random.Random(2))[:2000]
 
 
+def test_the_pairs_touch_as_all_geoms_would(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A model in which MuJoCo looks for contacts of all parts with the floor moves alike, to the byte."""
+    steps = round((1000 if THOROUGH else 20) / STEP_S)
+    by_pairs = digest(3, steps, random.Random(3))
+    tree = ElementTree.parse(MODEL_FILE)
+    root = tree.getroot()
+    for contacts in root.findall("contact"):
+        root.remove(contacts)
+    for geom in root.iter("geom"):
+        geom.set("contype", "1")
+        geom.set("friction", "0.6 0.01 0.001")
+        if geom.get("name") == "floor":
+            geom.set("contype", "0")
+            geom.set("conaffinity", "1")
+    tree.write(tmp_path / "arm.xml")
+    monkeypatch.setattr("arm_model.MODEL_FILE", tmp_path / "arm.xml")
+    arm = resting()
+    moved(arm, [0.0, 1.7, *STILL[2:]], 600)
+    assert arm.data.ncon > 0
+    assert digest(3, steps, random.Random(3)) == by_pairs
+
+
 def test_initial_offsets_come_from_the_seed() -> None:
     """The same seed gives the same small offsets, another seed gives others, and no offset means zero."""
     assert resting(3, 0.05).positions == resting(3, 0.05).positions != resting(4, 0.05).positions
