@@ -248,7 +248,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 def test_the_pairs_touch_as_all_geoms_would(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """A model in which MuJoCo looks for contacts of all parts with the floor moves alike, to the byte."""
+    """With a search for contacts of all parts, instead of pairs, the arm moves alike, to the byte."""
     steps = round((1000 if THOROUGH else 20) / STEP_S)
     by_pairs = digest(3, steps, random.Random(3))
     tree = ElementTree.parse(MODEL_FILE)
