@@ -57,6 +57,8 @@ BAD_CONFIGURATION_STATUS = 2
 FROM_INPUT = "-"
 #: Digests in a line of output, which may not be longer than 8 KiB.
 DIGESTS_IN_LINE = 500
+#: Size of messages that wait for their digests, in bytes; these then take half a millisecond.
+MOST_WAITING_BYTES = 8 * 1024
 MATCH_POLL_NS = 10_000_000
 
 #: Keys of the configuration with objects, in the order of `Configuration`.
@@ -169,8 +171,10 @@ class ReportingPublisher:
         self._serialize = serialize_message
         self._publisher = node.create_publisher(message_class, topic, qos)
         self._digests: list[str] = []
-        #: The last message and its digest: a stimulus may hold a value for hundreds of messages.
-        self._last: tuple[bytes, str] = (b"", "")
+        #: Messages without a digest. Between two messages, other work pushes the code of digests out of the caches: many
+        #: at a time take a part of the CPU time.
+        self._waiting: list[bytes] = []
+        self._waiting_bytes = 0
 
     @property
     def topic(self) -> str:
@@ -188,13 +192,23 @@ class ReportingPublisher:
 
     def publish_serialized(self, data: bytes) -> None:
         """Publish the serialized bytes of a message."""
-        if data != self._last[0]:
-            self._last = (data, digest(data))
-        self._digests.append(self._last[1])
+        self._waiting.append(data)
+        self._waiting_bytes += len(data)
         self._publisher.publish(data)
+        if self._waiting_bytes > MOST_WAITING_BYTES:
+            self._digest_waiting()
+
+    def _digest_waiting(self) -> None:
+        """Replace the waiting messages by their digests; a stimulus may hold a value for hundreds of messages."""
+        known = {data: digest(data) for data in set(self._waiting)}
+        for data in self._waiting:
+            self._digests.append(known[data])
+        self._waiting = []
+        self._waiting_bytes = 0
 
     def report(self, *, recorded: bool) -> None:
         """Print the digests of all messages, in order."""
+        self._digest_waiting()
         last = " recorded" if recorded else ""
         for first in range(0, max(1, len(self._digests)), DIGESTS_IN_LINE):
             digests = "".join(self._digests[first : first + DIGESTS_IN_LINE]) or "-"

@@ -122,7 +122,7 @@ def test_commands_are_read_with_any_layout() -> None:
 
 
 def require_reading_without_building(reader: DataReader, plain: bytes) -> None:
-    """Require that no message is built of these bytes, whatever a serializer left where the data are aligned."""
+    """Require reading without a message for any old memory in the bytes that align the data."""
     place = len(plain) - 8 * len(TARGETS)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rclpy.serialization.deserialize_message", None)

@@ -13,12 +13,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 from arm import ArmSettings
 from plateau_schedule import PlateauSettings
 
+from grader.recording.trusted_channel import digest
 from grader.reference_node import (
     BAD_CONFIGURATION_STATUS,
+    MOST_WAITING_BYTES,
     ConfigurationError,
     build_settings,
     parse_configuration,
+    reference_node,
 )
+from tests.reference.live_graph import use_private_graph
 
 
 def test_configuration_is_read_and_names_are_mapped() -> None:
@@ -101,3 +105,25 @@ def test_a_stop_ends_a_long_sleep(number: int) -> None:
         assert sleeper.poll() is None
         sleeper.send_signal(number)
         assert sleeper.stdout.readline() == "stopped True\n"
+
+
+@pytest.mark.live
+def test_the_digests_of_all_messages_are_reported_in_order(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Short messages, equal ones among them, wait for their digests until there are many, and a long one does not."""
+    std_msgs = pytest.importorskip("std_msgs.msg", reason="needs the ROS wheels")
+    serialization = pytest.importorskip("rclpy.serialization")
+    use_private_graph(monkeypatch.setenv, tmp_path)
+    words = [str(number // 3) for number in range(1000)]
+    words[500] = "long" * MOST_WAITING_BYTES
+    with reference_node("beacon") as reference:
+        publisher = reference.open_publisher(std_msgs.String, "/words", 10)
+        for word in words:
+            publisher.publish(std_msgs.String(data=word))
+    reported = ""
+    for line in capsys.readouterr().out.splitlines():
+        if line.startswith("published /words std_msgs/msg/String "):
+            reported += line.split()[3]
+    messages = [serialization.serialize_message(std_msgs.String(data=word)) for word in words]
+    assert reported == "".join(map(digest, messages))
