@@ -21,6 +21,9 @@ _MOST_DELAYS = 1000
 _HISTORY = 200
 #: Time after a delay that it may still affect, in ns: two and a half intervals of a program at 100 Hz.
 _AFTER_NS = 25_000_000
+# A class reads thousands of counters a second.
+_pread = os.pread
+_read_clock = time.clock_gettime_ns
 #: A delay: its start, the length of its span, the delay itself, and how much of it the core stood still, in ns.
 Delay = list[int]
 
@@ -57,7 +60,7 @@ class Watched:
     cpu_ns: int = 0
     #: CPU clocks of the process and of others among its threads.
     clocks: list[int] = field(default_factory=list)
-    #: Excess of these clocks over `cpu_ns`, when all threads had been read.
+    #: Excess of these clocks over `cpu_ns`, when all threads had been read; without meaning once a clock has ended.
     excess_ns: int = 0
     #: Samples: time and CPU time until then, in ns.
     history: deque[tuple[int, int]] = field(
@@ -95,7 +98,7 @@ class Watched:
         """
         clocks_ns = self._read_clocks()
         waited = (0, 0)
-        if not self._explains(clocks_ns):
+        if self.cpu_ns != clocks_ns:
             waited = self._read_threads(clocks_ns)
         self.history.append((now_ns, self.cpu_ns))
         return waited
@@ -104,46 +107,46 @@ class Watched:
         """Read threads until they explain the clocks; see `read`."""
         together_ns = 0
         longest_ns = 0
-        for thread in reversed(self.threads.copy()):
-            waited_ns = self._read_thread(thread)
-            together_ns += waited_ns
-            longest_ns = max(longest_ns, waited_ns)
-            if self._explains(clocks_ns):
+        for thread in self.threads[::-1]:
+            try:
+                text = _pread(thread.file, 100, 0)
+                if text == thread.text:
+                    continue
+                cpu_ns, waited_ns, _ = map(int, text.split())
+            except (OSError, ValueError):
+                self._forget(thread)
+                continue
+            self.cpu_ns += cpu_ns - thread.cpu_ns
+            waited_since_ns = waited_ns - thread.waited_ns
+            thread.text = text
+            thread.cpu_ns = cpu_ns
+            thread.waited_ns = waited_ns
+            self._put_last(thread)
+            together_ns += waited_since_ns
+            if waited_since_ns > longest_ns:
+                longest_ns = waited_since_ns
+            if self.cpu_ns == clocks_ns:
                 break
         else:
-            self.excess_ns = clocks_ns - self.cpu_ns
+            self.excess_ns += clocks_ns - self.cpu_ns
         return together_ns, longest_ns
 
-    def _explains(self, clocks_ns: int) -> bool:
-        """Tell whether the CPU time taken so far explains the clocks, if these could be read."""
-        if not clocks_ns:
-            return False
-        return clocks_ns - self.cpu_ns == self.excess_ns
-
     def _read_clocks(self) -> int:
-        """Return the sum of all clocks in ns, 0 as soon as one of them has ended."""
-        with suppress(OSError):
-            return sum(map(time.clock_gettime_ns, self.clocks))
-        return 0
-
-    def _read_thread(self, thread: _Thread) -> int:
-        """Take the CPU time of a thread since it was last read, and return its waiting time since then, in ns."""
+        """Return the CPU time of all threads by the clocks in ns, -1 without clocks or as soon as one has ended."""
+        if not self.clocks:
+            return -1
+        total_ns = -self.excess_ns
         try:
-            text = os.pread(thread.file, 100, 0)
-            if text == thread.text:
-                return 0
-            cpu_ns, waited_ns, *_ = map(int, text.split())
-        except (OSError, ValueError):  # The thread has ended.
-            os.close(thread.file)
-            self.threads.remove(thread)
-            return 0
-        self.cpu_ns += cpu_ns - thread.cpu_ns
-        waited_since_ns = waited_ns - thread.waited_ns
-        thread.text = text
-        thread.cpu_ns = cpu_ns
-        thread.waited_ns = waited_ns
-        self._put_last(thread)
-        return waited_since_ns
+            for clock in self.clocks:
+                total_ns += _read_clock(clock)
+        except OSError:
+            return -1
+        return total_ns
+
+    def _forget(self, thread: _Thread) -> None:
+        """Watch a thread no more that has ended."""
+        os.close(thread.file)
+        self.threads.remove(thread)
 
     def _put_last(self, thread: _Thread) -> None:
         """Put a thread where the next sample looks first."""

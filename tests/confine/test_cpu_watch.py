@@ -206,8 +206,9 @@ def all_stopped(pid: int) -> bool:
     )
 
 
-def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
-    """Threads that did not run are not read.
+@pytest.mark.parametrize("clocks", ["all", "none", "one has ended"])
+def test_no_thread_is_forgotten_for_not_being_read_each_time(clocks: str) -> None:
+    """Threads that did not run are not read, if the clocks of their processes tell so.
 
     The sums still cover all threads, to the nanosecond.
     """
@@ -218,6 +219,11 @@ def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
         say(other, "")
         watched = Watched(is_confined=True, pids=[it.pid])
         watched.find_threads()
+        if clocks == "none":
+            watched.clocks.clear()
+        elif clocks == "one has ended":
+            with subprocess.Popen(["true"]) as ended:
+                watched.clocks.append(~ended.pid << 3 | 2)
         waited_ns = 0
         for sample in range(200):
             time.sleep(0.01)
