@@ -3,7 +3,7 @@
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -296,7 +296,7 @@ def test_commands_taken_for_degrees_are_recognised(seed: int) -> None:
         values = event.values
         if event.role == COMMAND:
             values = tuple(np.radians(values))
-        in_rad.append(replace(event, values=values))
+        in_rad.append(event._replace(values=values))
     streams = recorded(events)
     converted = recorded(in_rad)
     for oracle in (tracking_statistics, tracking_plateaus):
