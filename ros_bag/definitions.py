@@ -11,6 +11,7 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -96,19 +97,22 @@ def definition_of(topic_type: str) -> MessageDefinition:
     DefinitionNotFound
         No installed package defines the type, or a type that it depends on.
     """
-    fields = _needed_fields(topic_type)
-    texts = [_msg_text(name) for name in fields]
-    if None not in texts and not any(map(_has_wide_strings, fields.values())):
-        return MessageDefinition("ros2msg", _joined(zip(fields, map(str, texts), strict=True)))
+    folders = share_folders()
+    fields = _needed_fields(topic_type, folders)
+    texts = [_msg_text(name, folders) for name in fields]
+    has_wide_strings = any(map(_has_wide_strings, fields.values()))
+    if None not in texts and not has_wide_strings:
+        named = zip(fields, map(str, texts), strict=True)
+        return MessageDefinition("ros2msg", _joined(named))
     blocks = []
     for name, members in fields.items():
         blocks.append(f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, members)}\n")
     return MessageDefinition("ros2idl", "".join(blocks))
 
 
-def _needed_fields(topic_type: str) -> dict[str, list[dict[str, Any]]]:
+def _needed_fields(topic_type: str, folders: tuple[Path, ...]) -> dict[str, list[dict[str, Any]]]:
     """Return the described fields of a type and of each type that it depends on; the type itself comes first."""
-    message = _description(topic_type, share_folders())["type_description_msg"]
+    message = _description(topic_type, folders)["type_description_msg"]
     every = [message["type_description"], *message["referenced_type_descriptions"]]
     fields = {entry["type_name"]: entry["fields"] for entry in every}
     if topic_type not in fields:
@@ -126,28 +130,30 @@ def _has_wide_strings(fields: Sequence[Mapping[str, Any]]) -> bool:
     return any(field["type"]["type_id"] % _STEP in _WIDE for field in fields)
 
 
-def _msg_text(name: str) -> str | None:
+def _msg_text(name: str, folders: tuple[Path, ...]) -> str | None:
     """Return the installed `.msg` text of a type, with plain line ends; None if there is none."""
     package, folder, stem = name.split("/")
     if folder != "msg":
         return None
-    for share in share_folders():
+    for share in folders:
         if (share / package / folder / f"{stem}.json").is_file():
-            return _plain_text(share / package / folder / f"{stem}.msg")
+            with suppress(OSError):
+                return _plain_text(share / package / folder / f"{stem}.msg")
+            return None
     return None
 
 
-def _plain_text(file: Path) -> str | None:
+@lru_cache(maxsize=256)
+def _plain_text(file: Path) -> str:
     """Return a `.msg` text without the parts that readers of bags understand differently than rosidl.
 
-    A ruler in a comment does not end the definition, each line ends with a line feed, and `char` is `uint8`.
+    A ruler in a comment does not end the definition, each line ends with a line feed, and `char` is `uint8`. Raises
+    OSError.
     """
-    try:
-        text = file.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return None
-    lines = (_CHAR.sub("uint8", line) for line in text.splitlines())
-    return "\n".join(lines).replace(SEPARATOR, "")
+    text = file.read_text(encoding="utf-8", errors="replace")
+    lines = [_CHAR.sub("uint8", line) for line in text.splitlines()]
+    plain = "\n".join(lines)
+    return plain.replace(SEPARATOR, "")
 
 
 def _joined(texts: Iterable[tuple[str, str]]) -> str:
@@ -166,12 +172,20 @@ def type_hash_of(topic_type: str) -> str:
     `rosbags` opens no bag at all if it knows no hash of one of the types, as of those with wide strings.
     """
     try:
-        if any(map(_has_wide_strings, _needed_fields(topic_type).values())):
-            return ""
-        hashes = _description(topic_type, share_folders())["type_hashes"]
+        return _type_hash(topic_type, share_folders())
     except (DefinitionNotFound, KeyError):
         return ""
-    return next((str(h["hash_string"]) for h in hashes if h["type_name"] == topic_type), "")
+
+
+@lru_cache(maxsize=256)
+def _type_hash(topic_type: str, folders: tuple[Path, ...]) -> str:
+    needed = _needed_fields(topic_type, folders)
+    if any(map(_has_wide_strings, needed.values())):
+        return ""
+    for described in _description(topic_type, folders)["type_hashes"]:
+        if described["type_name"] == topic_type:
+            return str(described["hash_string"])
+    return ""
 
 
 @lru_cache(maxsize=256)
