@@ -14,8 +14,9 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Empty
 
 from grader.live.ros_node.graph import Endpoints, GraphWatch, TopicGlance, interface_named
@@ -207,3 +208,37 @@ def test_a_type_that_no_package_defines_is_not_imported(name: str) -> None:
     """
     with pytest.raises(ImportError, match="no installed package defines"):
         interface_named(name)
+
+
+def test_endpoints_are_as_rclpy_describes_them(node: Node) -> None:
+    """Name, type, hash, gid and all policies are those of rclpy's own description."""
+    lifetime = Duration(seconds=1.5)
+    profile = QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        deadline=lifetime,
+        lifespan=lifetime,
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+        liveliness_lease_duration=lifetime,
+    )
+    node.create_publisher(Empty, "/it", profile)
+    node.create_subscription(Empty, "/it", lambda message: None, 1)
+    endpoints = Endpoints(node)
+    end_s = time.monotonic() + 20
+    while len(endpoints.of("/it")) < 2:
+        assert time.monotonic() < end_s
+    infos = node.get_publishers_info_by_topic("/it") + node.get_subscriptions_info_by_topic("/it")
+    for endpoint, info in zip(endpoints.of("/it"), infos, strict=True):
+        qos = info.qos_profile
+        assert endpoint.kind == info.endpoint_type.name.lower()
+        assert endpoint.type == info.topic_type == "std_msgs/msg/Empty"
+        assert endpoint.type_hash == str(info.topic_type_hash)
+        assert endpoint.node == f"{info.node_namespace}/{info.node_name}".replace("//", "/")
+        assert endpoint.gid == bytes(info.endpoint_gid).hex()
+        assert endpoint.qos.reliability == qos.reliability.name.lower()
+        assert endpoint.qos.durability == qos.durability.name.lower()
+        assert endpoint.qos.liveliness == qos.liveliness.name.lower()
+    offered, requested = (endpoint.qos for endpoint in endpoints.of("/it"))
+    assert offered.deadline_ns == offered.lifespan_ns == 1_500_000_000
+    assert offered.liveliness_lease_ns == 1_500_000_000
+    assert requested.deadline_ns is requested.liveliness_lease_ns is None
