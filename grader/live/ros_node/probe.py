@@ -13,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
 
+from grader.live.ros_node.answers import Answers
 from grader.live.ros_node.deadline import Deadline
 from grader.live.ros_node.goals import ActionProbe
 from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
@@ -71,8 +72,9 @@ class Probe:
         self.reference_nodes = reference_nodes
         self.expected = expected
         self.node = silent_node("probe", new_context(domain_id))
-        self._executor = SingleThreadedExecutor(context=self.node.context)
-        self._executor.add_node(self.node)
+        #: For actions alone.
+        self._executor: SingleThreadedExecutor | None = None
+        self._answers = Answers(self.node.context)
         free_bytes = shutil.disk_usage(folder).free
         self.limit_bytes = min(DEFAULT_LIMIT_BYTES, free_bytes // _SHARE_OF_FREE)
         self.recorder = Recorder(
@@ -106,9 +108,15 @@ class Probe:
 
     # -- waiting ------------------------------------------------------------------------------
 
-    def spin(self) -> None:
-        """Take answers to the node's own calls, and look at the graph."""
-        self._executor.spin_once(timeout_sec=_LOOK_S)
+    def spin(self, time_s: float = _LOOK_S) -> None:
+        """Take what servers of actions send, for a short time, and look at the graph."""
+        assert self._executor is not None
+        self._executor.spin_once(timeout_sec=min(time_s, _LOOK_S))
+        self.watch.look()
+
+    def take_answers(self, time_s: float = _LOOK_S) -> None:
+        """Take answers of services, for a short time, and look at the graph."""
+        self._answers.take(min(time_s, _LOOK_S))
         self.watch.look()
 
     def until(
@@ -116,24 +124,22 @@ class Probe:
         condition: Callable[[], object],
         timeout_s: float,
         *,
-        spins: bool = False,
+        wait: Callable[[float], None] | None = None,
         look_s: float = _LOOK_S,
     ) -> bool:
         """Wait for a condition, and return whether it came true in time; raises Cancelled.
 
-        Only answers to calls of this node need `spins`, which costs some thirty times as much as a wait without.
-        The condition is looked at after `look_s` at the latest.
+        The condition is looked at after `look_s` at the latest. Answers of services and actions need another `wait` than
+        the one for the graph: `take_answers` or `spin`.
         """
+        wait = wait or self.watch.wait
         deadline = Deadline(timeout_s)
         while not condition():
             if self.cancelled:
                 raise Cancelled
             if deadline.passed():
                 return False
-            if spins:
-                self.spin()
-            else:
-                self.watch.wait(min(look_s, deadline.left_s))
+            wait(min(look_s, deadline.left_s))
         return True
 
     def wait(self, time_s: float) -> None:
@@ -220,6 +226,7 @@ class Probe:
             ServiceIntrospectionState.CONTENTS,
         )
         self.record(*_events_of(service, service_type))
+        self._answers.add(client)
         self._clients[key] = client
         self._unmatched.add(key)
 
@@ -229,12 +236,15 @@ class Probe:
         if client is None:
             return None
         future = client.call_async(interface_named(service_type).Request(**fields))
-        self.until(future.done, timeout_s, spins=True)
+        self.until(future.done, timeout_s, wait=self.take_answers)
         return future.result() if future.done() else None
 
     def action(self, name: str, action_type: str) -> ActionProbe:
         """Return the client of an action."""
         key = (name, action_type)
+        if self._executor is None:
+            self._executor = SingleThreadedExecutor(context=self.node.context)
+            self._executor.add_node(self.node)
         if key not in self._actions:
             self._actions[key] = ActionProbe(self.node, name, action_type)
         return self._actions[key]

@@ -211,7 +211,7 @@ def test_a_type_that_no_package_defines_is_not_imported(name: str) -> None:
 
 
 def test_endpoints_are_as_rclpy_describes_them(node: Node) -> None:
-    """Name, type, hash, gid and all policies are those of rclpy's own description."""
+    """Name, type, hash, gid and all policies match rclpy's own description."""
     lifetime = Duration(seconds=1.5)
     profile = QoSProfile(
         depth=1,

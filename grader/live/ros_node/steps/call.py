@@ -37,7 +37,7 @@ def call(probe: Probe, step: CallStep) -> Answer:
         series.advance()
         if probe.cancelled:
             raise Cancelled
-        probe.spin()
+        probe.take_answers()
         if series.is_hopeless:
             break
     is_answered = all(record.response is not None for record in series.finished)
@@ -129,7 +129,7 @@ class _Call:
             self.client.remove_pending_request(self._future)
         return CallRecord(
             started_ns=self._started_ns,
-            # The callback runs in the executor, and may come after the answer was seen here.
+            # A call without an answer ends now.
             ended_ns=self._ended_ns or time.time_ns(),
             response=plain(answer),
             held_up_ns=round(self._deadline.stall_s * 1e9),

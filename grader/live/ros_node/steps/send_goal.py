@@ -34,7 +34,7 @@ def send_goal(probe: Probe, step: SendGoalStep) -> Answer:
     series = GoalSeries(action, step, timeout_s, *goals)
     try:
         # The series has a deadline of its own.
-        probe.until(series.advance, 2 * timeout_s, spins=True)
+        probe.until(series.advance, 2 * timeout_s, wait=probe.spin)
     except Cancelled:
         series.outcome = "cancelled"
     records = series.finish()
