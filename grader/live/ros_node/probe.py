@@ -109,7 +109,7 @@ class Probe:
     # -- waiting ------------------------------------------------------------------------------
 
     def spin(self, time_s: float = _LOOK_S) -> None:
-        """Take what servers of actions send, for a short time, and look at the graph."""
+        """Take messages of action servers, for a short time, and look at the graph."""
         assert self._executor is not None
         self._executor.spin_once(timeout_sec=min(time_s, _LOOK_S))
         self.watch.look()
