@@ -80,7 +80,8 @@ class Director:
 
     def _close_recorder(self) -> None:
         recorder, limit_bytes = self._probe.recorder, self._probe.limit_bytes
-        recorder.stop()
+        # The process ends now, and leaves the graph with it.
+        recorder.finish()
         left_out = recorder.unrecorded
         if limit_bytes < _ENOUGH_BYTES and any(each.messages for each in left_out):
             size = f"{limit_bytes / 1e6:.0f} MB"

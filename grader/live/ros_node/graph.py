@@ -79,6 +79,12 @@ def silent_node(name: str, context: rclpy.Context) -> Node:
     )
 
 
+def bare_node(name: str, context: rclpy.Context) -> Any:
+    """Make a node of the grader without parameters, a clock and a publisher of its own, as a handle of rclpy."""
+    with context.handle:
+        return rclpy_implementation.Node(name, GRADER_NAMESPACE, context.handle, None, False, False)
+
+
 def interface_named(name: str) -> Any:
     """Import the class of an interface's type, e.g. ``std_srvs/srv/SetBool``; raises ImportError if there is none.
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.context import Context
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.type_support import check_for_type_support
 
 from grader.errors import without_temporary_names
-from grader.live.ros_node.graph import interface_named, new_context, silent_node
+from grader.live.ros_node.graph import bare_node, interface_named, new_context
 from grader.recording.session import Endpoint, RecordingGap
 from ros_bag.definitions import definition_of, type_hash_of
 from ros_bag.writing import BagWriter
@@ -66,7 +66,7 @@ class _Line:
     topic: str
     topic_type: str
     channel: int
-    node: Node
+    node: Any
     message_type: type
     request: _Request
     subscriptions: list[Any] = field(default_factory=list)
@@ -86,16 +86,25 @@ class _Line:
             if transient_local
             else DurabilityPolicy.VOLATILE,
         )
-        events, ignored = (
-            SubscriptionEventCallbacks(use_default_callbacks=False),
-            lambda data, info: None,
-        )
-        self.subscriptions.append(
-            self.node.create_subscription(
-                self.message_type, self.topic, ignored, profile, raw=True, event_callbacks=events
+        check_for_type_support(self.message_type)
+        with self.node:
+            subscription = rclpy_implementation.Subscription(
+                self.node, self.message_type, self.topic, profile.get_c_qos_profile()
             )
-        )
+        self.subscriptions.append(subscription)
         self.request = request
+
+    def publishers(self) -> int:
+        """Return the present number of publishers that are received."""
+        subscription = self.subscriptions[-1]
+        with subscription:
+            return int(subscription.get_publisher_count())
+
+    def unsubscribe(self) -> None:
+        """Receive it no longer."""
+        for subscription in self.subscriptions:
+            subscription.destroy_when_not_in_use()
+        self.subscriptions.clear()
 
     def is_repeat(self, source_ns: int, sequence: int) -> bool:
         """Return whether another subscription has received a message already, if there are several."""
@@ -135,10 +144,11 @@ class Recorder:
         self._limit_topics = limit_topics
         self._lines: dict[tuple[str, str], _Line] = {}
         self._refused: set[tuple[str, str]] = set()
-        self._nodes: list[Node] = []
+        #: Handles of nodes, one a participant.
+        self._nodes: list[Any] = []
         self._contexts: list[Context] = []
         if context is not None:
-            self._nodes.append(silent_node(f"{NODE_NAME}_0", context))
+            self._nodes.append(bare_node(f"{NODE_NAME}_0", context))
         self._lock = threading.Lock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -154,11 +164,9 @@ class Recorder:
         """Return the present number of publishers that the recorder receives a topic from."""
         with self._lock:
             line = self._lines.get((topic, topic_type))
-            return (
-                0
-                if line is None or line.stopped
-                else int(line.subscriptions[-1].get_publisher_count())
-            )
+            if line is None or line.stopped:
+                return 0
+            return line.publishers()
 
     def _leave_out(
         self, key: tuple[str, str], reason: str, limit: bool, messages: int = 0, size_bytes: int = 0
@@ -215,7 +223,7 @@ class Recorder:
         line.subscribe(line.request)
         return line
 
-    def _node(self, level: int) -> Node:
+    def _node(self, level: int) -> Any:
         """Return the node with the participant for the type number `level` of a topic."""
         if level >= _TYPES_PER_TOPIC:
             raise _LimitReached(
@@ -224,19 +232,25 @@ class Recorder:
         if level == len(self._nodes):
             context = new_context(self._domain_id)
             self._contexts.append(context)
-            self._nodes.append(silent_node(f"{NODE_NAME}_{level}", context))
+            self._nodes.append(bare_node(f"{NODE_NAME}_{level}", context))
         return self._nodes[level]
 
     # -- taking: on the recorder's thread ------------------------------------------------------
 
     def stop(self) -> None:
         """Write all arrived messages, finish the bag, and leave the graph."""
-        self._ending.set()
-        self._thread.join()
+        self.finish()
+        for line in self._lines.values():
+            line.unsubscribe()
         for node in self._nodes:
-            node.destroy_node()
+            node.destroy_when_not_in_use()
         for context in self._contexts:
             context.try_shutdown()
+
+    def finish(self) -> None:
+        """Write all arrived messages, and finish the bag."""
+        self._ending.set()
+        self._thread.join()
 
     def _run(self) -> None:
         try:
@@ -260,8 +274,8 @@ class Recorder:
         """Empty all queues."""
         with self._lock:
             for line in self._lines.values():
-                for subscription in line.subscriptions:
-                    self._empty(line, subscription.handle.take_message)
+                for subscription in tuple(line.subscriptions):
+                    self._empty(line, subscription.take_message)
 
     def _empty(
         self, line: _Line, take: Callable[[type, bool], tuple[bytes, dict[str, Any]] | None]
@@ -293,5 +307,4 @@ class Recorder:
         line.stopped = True
         reason = "they fill as much space as is left for all other topics"
         self._leave_out((line.topic, line.topic_type), reason, True, line.count, line.written_bytes)
-        for subscription in line.subscriptions:
-            line.node.destroy_subscription(subscription)
+        line.unsubscribe()
