@@ -18,6 +18,7 @@ from typing import NamedTuple
 from confine.cgroup import MEMORY_BYTES, PROCESSES, SandboxCgroup
 from confine.machine import NetworkMemory, available_share, processes_of_user, tasks_of
 from grader.live.process.process import RunningProcess
+from grader.live.process.waiting import looked_for
 
 _PERIOD_S = 0.1
 #: Share of the limit on memory from which the guard notes the memory of each process.
@@ -81,8 +82,19 @@ class Guard:
     async def watch(self) -> None:
         """Look again and again until cancelled."""
         while True:
-            await asyncio.sleep(_PERIOD_S)
+            await looked_for(self._is_notable, _PERIOD_S)
             await self.look()
+
+    def _is_notable(self) -> bool:
+        """Return whether a look may find anything, without a look at single processes."""
+        group = self._group
+        if group is None or not self._sized:
+            return True
+        if group.exceeded() != self._noted:
+            return True
+        if _is_short(group) or self._network_bytes() > _MAX_NETWORK_BYTES:
+            return True
+        return any(map(_is_full, self._folders))
 
     async def look(self) -> None:
         """Look once, and end the programs that exceed a limit."""
@@ -125,7 +137,7 @@ class Guard:
                     process.run.limit = process.run.limit or limit
                     if limit == "memory":
                         await process.kill(limit=limit)
-        if group.memory_bytes() > _SHORT * MEMORY_BYTES:
+        if _is_short(group):
             alive = [process for process in self._students() if process.alive]
             self._held = {process: _taken_by(process).memory_bytes for process in alive}
 
@@ -199,10 +211,9 @@ class Guard:
 
     def _note_full_areas(self) -> None:
         for folder in self._folders:
-            with suppress(OSError):
-                full = _full(folder)
-                if full is not None:
-                    self._note_for_all(full)
+            full = _full(folder)
+            if full is not None:
+                self._note_for_all(full)
 
     def _note_for_all(self, limit: str) -> None:
         """Note a limit for all programs that run and have hit none."""
@@ -241,9 +252,20 @@ def _was_killed(process: RunningProcess) -> bool:
     return process.run.exit_status in (137, -9)
 
 
+def _is_short(group: SandboxCgroup) -> bool:
+    return group.memory_bytes() > _SHORT * MEMORY_BYTES
+
+
+def _is_full(folder: str) -> bool:
+    return _full(folder) is not None
+
+
 def _full(folder: str) -> str | None:
-    """Return the exhausted resource of a file system, "disk" or "files"; None if it has room."""
-    space = os.statvfs(folder)
+    """Return the exhausted resource of a file system, "disk" or "files"; None if it has room, or cannot be read."""
+    try:
+        space = os.statvfs(folder)
+    except OSError:
+        return None
     if space.f_bavail == 0:
         return "disk"
     counts_files = space.f_files > 0

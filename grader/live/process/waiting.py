@@ -1,9 +1,9 @@
-"""Waiting for work: for one piece not too long, for several until each has cleaned up."""
+"""Waiting for work: for one piece not too long, for several until each has cleaned up; and for a condition."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Coroutine, Iterable
+from collections.abc import Awaitable, Callable, Coroutine, Iterable
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -25,6 +25,40 @@ async def within(work: Awaitable[T], timeout_s: float) -> T:
     if not done:
         raise TimeoutError
     return task.result()
+
+
+async def looked_for(look: Callable[[], bool], period_s: float) -> None:
+    """Wait until a look finds something, with a look every `period_s`; raises the error of a look.
+
+    The event loop itself calls the look. A task that sleeps between two looks would take twice the time: the loop goes
+    round twice to wake it.
+    """
+    loop = asyncio.get_running_loop()
+    found: asyncio.Future[None] = loop.create_future()
+
+    def call() -> None:
+        nonlocal timer
+        if found.done():  # The waiting task was cancelled just now.
+            return
+        try:
+            if look():
+                found.set_result(None)
+                return
+        except Exception as problem:
+            found.set_exception(problem)
+            return
+        # Looks with the same beginning stay together, and the loop wakes up for all of them at once.
+        next_s = timer.when() + period_s
+        now_s = loop.time()
+        if next_s < now_s:
+            next_s = now_s + period_s
+        timer = loop.call_at(next_s, call)
+
+    timer = loop.call_later(period_s, call)
+    try:
+        await found
+    finally:
+        timer.cancel()
 
 
 async def side_by_side(works: Iterable[Coroutine[Any, Any, T]]) -> list[T]:

@@ -17,7 +17,7 @@ from confine.priority import put_self_first
 from grader.errors import without_temporary_names
 from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.machine_sample import MachineSampler
-from grader.live.process.waiting import within
+from grader.live.process.waiting import looked_for, within
 from grader.live.session.plan import SessionPlan
 from grader.live.session.programs import Programs
 from grader.live.session.steps import ACTIONS
@@ -71,11 +71,14 @@ class Session:
 
     async def _sample(self) -> None:
         machine = MachineSampler()
-        while True:
-            await asyncio.sleep(_SAMPLE_PERIOD_S)
+
+        def sample() -> bool:
             students_ns = self._programs.sandbox.cpu_ns()
             self._record.machine.append(machine.sample(students_ns))
             self._programs.sample()
+            return False
+
+        await looked_for(sample, _SAMPLE_PERIOD_S)
 
     async def _run_steps(self) -> None:
         for number, (run, step) in enumerate(self._plan.steps, 1):
