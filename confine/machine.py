@@ -15,8 +15,8 @@ _TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 _NOTABLE_PAGES = 16 * 1024
 _TABLES = ("udp", "udp6", "tcp", "tcp6")
 _READ_BYTES = 64 * 1024
-#: Files with the times of the cores, and with the waits for them.
-CORES, WAITS = "/proc/stat", "/proc/pressure/cpu"
+#: Files with the times of the cores, with the waits for them, and with the newest process id of the reader's namespace.
+CORES, WAITS, LOADS = "/proc/stat", "/proc/pressure/cpu", "/proc/loadavg"
 #: A core and its times in the first of these files.
 _CORE = re.compile(rb"^cpu(\d+) (.*)", re.MULTILINE)
 #: Pages of all sockets of a kind, in a network's sums.
@@ -279,8 +279,8 @@ def tasks_below(pid: int) -> dict[int, list[str]]:
     return found
 
 
-def last_task() -> bytes:
-    """Return the id of the newest process or thread in this process's namespace.
+def last_task_in(file: CounterFile) -> bytes:
+    """Return the id of the newest process or thread in this process's namespace, from the open file `LOADS`.
 
     While it is the same, none has begun, in namespaces below this one either.
 
@@ -288,7 +288,7 @@ def last_task() -> bytes:
     ----------
     The last field of `loadavg` in proc(5).
     """
-    return read_bytes_of("/proc/loadavg").rpartition(b" ")[2]
+    return file.read().rpartition(b" ")[2]
 
 
 def cpu_of_children_ns(pid: int) -> int:

@@ -14,7 +14,18 @@ import os
 import time
 from collections.abc import Iterable
 
-from confine.machine import cpu_of_children_ns, last_task, read_bytes_of, tasks_below
+from confine.machine import (
+    LOADS,
+    CounterFile,
+    cpu_of_children_ns,
+    last_task_in,
+    read_bytes_of,
+    tasks_below,
+)
+
+#: Most files of threads that one program keeps open, and all programs of this process together: each program may have
+#: hundreds of threads, and this process may have a thousand open files.
+_MOST_KEPT, _MOST_KEPT_TOGETHER = 24, 128
 
 
 class ProgramUsage:
@@ -34,6 +45,8 @@ class ProgramUsage:
         self.tasks: dict[int, list[int]] = {}
         self.searches = 0
         self.times: dict[int, tuple[int, int]] = {}
+        self._counters = _ThreadCounters()
+        self._loads = CounterFile(LOADS)
         #: The sandbox's newest process or thread before the last search.
         self._newest = b""
         #: Set as soon as a process or thread has ended since the last search.
@@ -63,7 +76,7 @@ class ProgramUsage:
 
         Only in a namespace of process ids of its own does a program keep its processes, and is a new id rare.
         """
-        newest = last_task()
+        newest = last_task_in(self._loads)
         if os.getpid() == 1 and root in self.tasks:
             if (newest, False) == (self._newest, self._has_ended):
                 return
@@ -73,6 +86,7 @@ class ProgramUsage:
         self.tasks = {pid: list(map(int, tasks)) for pid, tasks in tasks_below(root).items()}
         self._children_ns = sum(map(cpu_of_children_ns, self.tasks))
         self._order = _in_order(self._order, self.tasks.values())
+        self._counters.keep_only(self._order)
 
     def _read_threads(self) -> None:
         """Read the counters of all threads with CPU time since the last look.
@@ -98,6 +112,11 @@ class ProgramUsage:
         """Waiting time of all threads together, in ns."""
         return sum(delay_ns for _, delay_ns in self.times.values())
 
+    def close(self) -> None:
+        """Close all files; the next look opens them again."""
+        self._counters.keep_only(())
+        self._loads.close()
+
     def _read_clocks(self) -> int:
         """Return the CPU time of all present processes, in ns."""
         total_ns = 0
@@ -112,7 +131,7 @@ class ProgramUsage:
         """Take the counters of a thread; the next look begins with the last ones to run."""
         before = self.times.get(tid, (0, 0))
         try:
-            words = read_bytes_of(f"/proc/{tid}/schedstat").split()
+            words = self._counters.read(tid).split()
             now = int(words[0]), int(words[1])
         except (OSError, ValueError, IndexError):
             self._has_ended = True
@@ -122,6 +141,37 @@ class ProgramUsage:
             self._read_ns += now[0] - before[0]
             self._order.remove(tid)
             self._order.append(tid)
+
+
+class _ThreadCounters:
+    """The counters of threads, some of which stay open, because opening takes longer than reading."""
+
+    #: Number of open files of all programs.
+    _kept_together = 0
+
+    def __init__(self) -> None:
+        self._kept: dict[int, CounterFile] = {}
+
+    def read(self, tid: int) -> bytes:
+        """Return the text of a thread's `schedstat`; raises `OSError` if the thread has ended."""
+        kept = self._kept.get(tid)
+        if kept is not None:
+            return kept.read()
+        file = f"/proc/{tid}/schedstat"
+        has_room = len(self._kept) < _MOST_KEPT
+        if not has_room or _ThreadCounters._kept_together >= _MOST_KEPT_TOGETHER:
+            return read_bytes_of(file)
+        kept = CounterFile(file)
+        text = kept.read()
+        self._kept[tid] = kept
+        _ThreadCounters._kept_together += 1
+        return text
+
+    def keep_only(self, tids: Iterable[int]) -> None:
+        """Close the files of all other threads."""
+        for tid in self._kept.keys() - set(tids):
+            self._kept.pop(tid).close()
+            _ThreadCounters._kept_together -= 1
 
 
 def _in_order(known: Iterable[int], present: Iterable[Iterable[int]]) -> list[int]:

@@ -10,6 +10,9 @@ from typing import Any
 
 import pytest
 
+from confine.namespaces import open_descriptors
+from confine.program_usage import ProgramUsage
+
 pytestmark = pytest.mark.live
 
 FORM = "ROOT" if os.geteuid() == 0 else "USER"
@@ -125,3 +128,56 @@ def test_a_program_with_the_same_threads_is_not_searched() -> None:
     names = ("nothing", "threads", "one thread", "nothing", "child", "nothing")
     searched = [found["searches"] > 0 for found in looks(*names)]
     assert searched == [False, True, False, False, True, False]
+
+
+#: Begins 60 threads that compute a little, and ends half of them at a line of its input.
+CROWD = """
+import sys, threading, time
+go = threading.Event()
+def work(end):
+    sum(range(10_000))
+    end.wait()
+for end in (go, threading.Event()):
+    for _ in range(30):
+        threading.Thread(target=work, args=(end,), daemon=True).start()
+time.sleep(0.2)
+print("crowd", flush=True)
+sys.stdin.readline()
+go.set()
+time.sleep(0.2)
+print("half", flush=True)
+sys.stdin.readline()
+"""
+
+
+def test_few_files_of_threads_stay_open() -> None:
+    """Two programs with many threads are read as a whole, with few open files, and with none after the end."""
+    open_before = len(open_descriptors(0))
+    programs = []
+    usages = []
+    for _ in range(2):
+        program = subprocess.Popen(
+            [sys.executable, "-c", CROWD], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        programs.append(program)
+        usages.append(ProgramUsage())
+        assert program.stdout is not None
+        assert program.stdout.readline() == b"crowd\n"
+    pipes = 4
+    for program, usage in zip(programs, usages, strict=True):
+        usage.look(program.pid)
+        assert len(usage.times) == 61
+    assert len(open_descriptors(0)) < open_before + pipes + 2 * 30
+    for program, usage in zip(programs, usages, strict=True):
+        assert program.stdin is not None
+        assert program.stdout is not None
+        program.stdin.write(b"\n")
+        program.stdin.flush()
+        assert program.stdout.readline() == b"half\n"
+        usage.look(program.pid)
+        assert len(usage.tasks[program.pid]) == 31
+        assert len(usage.times) == 61
+        usage.close()
+    assert len(open_descriptors(0)) == open_before + pipes
+    for program in programs:
+        program.communicate()

@@ -184,6 +184,7 @@ class RunningProcess:
         for reader in self._readers:
             reader.stop()
         self._note_last_usage()
+        self._usage.close()
         # A launch file may start more programs than the grader may have files open.
         if self._child_pid_fd is not None:
             os.close(self._child_pid_fd)
