@@ -20,8 +20,8 @@ class PipedProcess:
     stdin
         None if the process has no input.
     wait
-        Waits for the end of the process and returns its exit status (negative: the signal that ended it). A thread calls
-        it.
+        Waits for the end of the process and returns its exit status (negative: the signal that ended it). It is called
+        after the end, or by a thread on a system without descriptors of processes.
     """
 
     def __init__(
@@ -37,16 +37,24 @@ class PipedProcess:
         self.stdout = stdout
         self.stderr = stderr
         self._wait = wait
-        loop = asyncio.get_running_loop()
-        self._status: asyncio.Future[int] = loop.create_future()
-        threading.Thread(
-            target=self._reap, args=(loop,), name=f"waits for {pid}", daemon=True
-        ).start()
+        self._loop = asyncio.get_running_loop()
+        self._status: asyncio.Future[int] = self._loop.create_future()
+        try:
+            self._end = os.pidfd_open(pid)
+        except OSError:
+            threading.Thread(target=self._reap, name=f"waits for {pid}", daemon=True).start()
+        else:
+            self._loop.add_reader(self._end, self._take_status)
 
-    def _reap(self, loop: asyncio.AbstractEventLoop) -> None:
+    def _take_status(self) -> None:
+        self._loop.remove_reader(self._end)
+        os.close(self._end)
+        self._status.set_result(self._wait())
+
+    def _reap(self) -> None:
         status = self._wait()
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(self._status.set_result, status)
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._status.set_result, status)
 
     async def wait(self) -> int:
         """Wait until it has ended, and return its exit status (negative: the signal that ended it)."""

@@ -9,7 +9,8 @@ import sys
 
 import pytest
 
-from grader.live.process.piped import BlockReader, PipeWriter
+from confine.namespaces import open_descriptors
+from grader.live.process.piped import BlockReader, PipedProcess, PipeWriter
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -89,3 +90,37 @@ def test_a_reader_that_is_gone_is_no_error() -> None:
         assert pipe.closed
 
     asyncio.run(write())
+
+
+@pytest.mark.parametrize("has_descriptors", [True, False])
+def test_the_end_of_a_process_is_its_status(
+    monkeypatch: pytest.MonkeyPatch, *, has_descriptors: bool
+) -> None:
+    """Several processes end in any order, also where the system has no descriptors of processes."""
+
+    def refuse(pid: int) -> int:
+        raise OSError(pid)
+
+    if not has_descriptors:
+        monkeypatch.setattr(os, "pidfd_open", refuse)
+
+    async def run() -> list[int]:
+        started = []
+        for command in ("sleep 0.3; exit 3", "exit 4", "kill -9 $$"):
+            process = subprocess.Popen(
+                ["sh", "-c", command], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            )
+            assert process.stdout is not None
+            assert process.stderr is not None
+            started.append(
+                PipedProcess(process.pid, None, process.stdout, process.stderr, process.wait)
+            )
+        statuses = [await asyncio.wait_for(each.wait(), 10) for each in started]
+        for each in started:
+            each.stdout.close()
+            each.stderr.close()
+        return statuses
+
+    before = open_descriptors(0)
+    assert asyncio.run(run()) == [3, 4, -9]
+    assert open_descriptors(0) == before
