@@ -30,6 +30,8 @@ _NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
 _NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
 _SET_PDEATHSIG, _SET_NAME, _SET_CHILD_SUBREAPER = 1, 15, 36
 _STANDARD_DESCRIPTORS = 3
+#: Newest process id of the reader's namespace; the writer sets it.
+_LAST_ID = Path("/proc/sys/kernel/ns_last_pid")
 _LIBC = ctypes.CDLL(None, use_errno=True)
 #: Looked up now: a fork of a process with threads would wait for ever, if one of these held the loader's lock then.
 _CALLS: dict[str, Callable[..., int]] = {
@@ -145,7 +147,19 @@ def use_up_process_ids(number: int) -> None:
     """Use up the lowest process ids of this sandbox, so that its later processes have other ids than confined ones.
 
     Ids of a confined program count anew, in a namespace of its own, and libraries make identities from process ids.
+
+    References
+    ----------
+    `ns_last_pid` in pid_namespaces(7); kernels without it get threads, which end at once.
     """
+    try:
+        last = int(_LAST_ID.read_text(encoding="ascii"))
+        _LAST_ID.write_text(str(last + number), encoding="ascii")
+    except OSError:
+        _use_up_by_threads(number)
+
+
+def _use_up_by_threads(number: int) -> None:
     for _ in range(number):
         thread = threading.Thread(
             target=int

@@ -84,3 +84,20 @@ def test_a_sandbox_ends_with_the_process_outside() -> None:
         os.kill(process.pid, signal.SIGKILL)
         # All of them hold the pipe.
         assert process.stdout.read() == ""
+
+
+@pytest.mark.parametrize("has_setting", [True, False])
+def test_later_processes_of_a_sandbox_have_other_ids(*, has_setting: bool) -> None:
+    """The lowest ids are used up, also by a kernel without the setting for it."""
+    without = "namespaces._LAST_ID = Path('/missing')"
+    run = in_cell(f"""
+from confine import namespaces
+{"" if has_setting else without}
+namespaces.use_up_process_ids(12)
+later = os.fork()
+if later == 0:
+    os._exit(0)
+os.wait()
+print(later)
+""")
+    assert run.stdout.strip() == "14", run.stderr
