@@ -111,7 +111,8 @@ class _Layout:
 
     def cover(self, folders: Iterable[Path], roots: Iterable[Path]) -> None:
         """Hide folders that are below one of the roots."""
+        seen = set(roots)
         for folder in folders:
-            if any(folder.is_relative_to(root) for root in roots):
+            if not seen.isdisjoint((folder, *folder.parents)):
                 self.options += ["--perms", "0555", "--tmpfs", str(folder)]
                 self.options += ["--remount-ro", str(folder)]

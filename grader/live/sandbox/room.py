@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -67,10 +68,15 @@ def _own_folders(roots: Sequence[Path]) -> list[Path]:
     theirs: set[Path] = set()
     if checkout in roots:
         theirs = {checkout / name for name in _OF_ENVIRONMENTS}
+    holding_interpreter = {*roots}
+    for root in roots:
+        holding_interpreter.update(root.parents)
     found = []
-    for folder in sorted(checkout.iterdir()):
-        is_folder = folder.is_dir() and not folder.is_symlink()
-        holds_interpreter = any(root.is_relative_to(folder) for root in roots)
-        if is_folder and folder not in theirs and not holds_interpreter:
-            found.append(folder)
-    return found
+    with os.scandir(checkout) as entries:
+        for entry in entries:
+            folder = checkout / entry.name
+            if folder in theirs or folder in holding_interpreter:
+                continue
+            if entry.is_dir(follow_symlinks=False):
+                found.append(folder)
+    return sorted(found)

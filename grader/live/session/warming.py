@@ -1,4 +1,4 @@
-"""Loads modules and builds models once, before the processes of sessions are forked.
+"""Loads modules, builds models and finds the interpreter once, before the processes of sessions are forked.
 
 Every session and director built the models of its steps, and every reference node imported its modules anew: in the
 solution's grading, a sixth of the CPU time of sessions and directors, and a quarter of the simulated arm's.
@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from confine.interpreters import OWN_INTERPRETER, interpreter_roots
 from grader.lab.steps import STEPS
 from grader.recording.record import prepare
 from grader.recording.session import Endpoint, GraphSnapshot, ServiceEndpoint, Trusted
@@ -24,7 +25,11 @@ _BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")
 
 
 def build_models() -> None:
-    """Build the validators of all steps and of launch plans, and the readers of a director's reports."""
+    """Build the validators of all steps and of launch plans, and the readers of a director's reports.
+
+    The folders of this interpreter are found too: most sessions show them to their programs.
+    """
+    interpreter_roots(OWN_INTERPRETER)
     for model in STEPS.values():
         model.model_rebuild()
         prepare([model.result])
