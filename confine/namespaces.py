@@ -19,7 +19,7 @@ import socket
 import struct
 import threading
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NoReturn
@@ -27,6 +27,8 @@ from typing import Any, NoReturn
 _NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
     0x00020000, 0x04000000, 0x08000000, 0x10000000, 0x20000000, 0x40000000,
 )  # fmt: skip
+#: Namespaces of a sandbox, besides the one of process ids.
+_OF_SANDBOX = _NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS
 _NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
 _SET_PDEATHSIG, _SET_NAME, _SET_CHILD_SUBREAPER = 1, 15, 36
 _STANDARD_DESCRIPTORS = 3
@@ -36,7 +38,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 #: Looked up now: a fork of a process with threads would wait for ever, if one of these held the loader's lock then.
 _CALLS: dict[str, Callable[..., int]] = {
     name: getattr(_LIBC, name)
-    for name in ("mount", "prctl", "syscall", "unshare")
+    for name in ("mount", "prctl", "setns", "syscall", "unshare")
     if hasattr(_LIBC, name)
 }
 
@@ -69,7 +71,7 @@ def enter_sandbox(form: Form) -> None:
     if form is Form.NONE:
         end_with_parent()
         return
-    _unshare(_NEW_NET | _NEW_MOUNTS | _NEW_IPC | _NEW_UTS | _NEW_PIDS)
+    _unshare(_OF_SANDBOX | _NEW_PIDS)
     descriptors = open_descriptors(_STANDARD_DESCRIPTORS)
     there, held = os.pipe()
     first = os.fork()
@@ -81,6 +83,53 @@ def enter_sandbox(form: Form) -> None:
     if select.select([there], [], [], 0)[0]:
         os._exit(1)
     os.close(there)
+    _mount_proc()
+
+
+def fork_first() -> int:
+    """Fork this process into a new namespace of process ids, and return as `os.fork` does.
+
+    The fork is the first process there, and ends with the calling thread; `enter_rest_of_sandbox` completes its sandbox.
+    Unlike `enter_sandbox`, this forks a large process only once. Raises `OSError` if the system does not permit it: an
+    ordinary user cannot come back from a new namespace.
+    """
+    with ExitStack() as opened:
+        parent = os.pidfd_open(os.getpid())
+        opened.callback(os.close, parent)
+        present = os.open("/proc/self/ns/pid", os.O_RDONLY | os.O_CLOEXEC)
+        opened.callback(os.close, present)
+        call("setns", present, _NEW_PIDS)  # The way back, which the system may refuse.
+        call("unshare", _NEW_PIDS)
+        forked = -1
+        try:
+            forked = os.fork()
+        finally:
+            if forked != 0:
+                _return_to(present)
+        if forked == 0:
+            end_with_parent()
+            # A parent that ended before that call kills nothing.
+            if select.select([parent], [], [], 0)[0]:
+                os._exit(1)
+    return forked
+
+
+def _return_to(namespace: int) -> None:
+    """Let later forks of this process be in a namespace of process ids, or end."""
+    try:
+        call("setns", namespace, _NEW_PIDS)
+    except OSError:  # Later forks would be in a sandbox of others.
+        os._exit(1)
+
+
+def enter_rest_of_sandbox() -> None:
+    """Have the fork of `fork_first` leave all other namespaces too."""
+    _unshare(_OF_SANDBOX)
+    _mount_proc()
+
+
+def _mount_proc() -> None:
+    """Show the processes of this namespace in `/proc`."""
     call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
 
 

@@ -33,6 +33,14 @@ def in_cell(body: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def as_root(body: str) -> subprocess.CompletedProcess[str]:
+    """Run the text with the names of `in_cell`, outside of all cells."""
+    program = PROGRAM.format(form="ROOT", body=body).replace("enter_sandbox(Form.ROOT)\n", "")
+    return subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _permitted() -> None:
     """Skip where no sandboxes can be made."""
@@ -101,3 +109,84 @@ os.wait()
 print(later)
 """)
     assert run.stdout.strip() == "14", run.stderr
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can come back from a namespace")
+def test_a_fork_can_be_the_first_process_of_a_sandbox() -> None:
+    """The fork shares no namespace with its parent, and the later forks of the parent are outside of the sandbox."""
+    run = as_root("""
+from confine.namespaces import enter_rest_of_sandbox, fork_first
+for _ in range(2):
+    first = fork_first()
+    if first == 0:
+        enter_rest_of_sandbox()
+        print([name for name, was in before.items() if os.readlink(f"/proc/self/ns/{name}") == was])
+        print(os.getpid(), [p.name for p in Path("/proc").iterdir() if p.name.isdecimal()], flush=True)
+        os._exit(5)
+    print(os.waitpid(first, 0) == (first, 5 << 8), flush=True)
+plain = os.fork()
+if plain == 0:
+    os._exit(int(os.getpid() == 1))
+print(os.waitpid(plain, 0) == (plain, 0), os.readlink("/proc/self/ns/pid_for_children") == before["pid"])
+""")
+    assert run.stdout.splitlines() == ["[]", "1 ['1']", "True"] * 2 + ["True True"], run.stderr
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can come back from a namespace")
+@pytest.mark.parametrize("is_late", [True, False])
+def test_a_first_process_ends_with_the_one_that_forked_it(*, is_late: bool) -> None:
+    """The parent may end before or after the fork has asked for that; the processes of the fork end too."""
+    run = as_root(f"""
+from confine import namespaces
+told, telling = os.pipe()
+ready, starting = os.pipe()
+late = {is_late}
+ask = namespaces.end_with_parent
+def asking():
+    if late:
+        time.sleep(0.5)
+    ask()
+namespaces.end_with_parent = asking
+if os.fork() == 0:
+    if namespaces.fork_first() == 0:
+        os.write(starting, b"x")
+        if os.fork() == 0:
+            time.sleep(1)
+        os.write(telling, b"it lives")
+        time.sleep(1)
+        os.write(telling, b"it lives")
+        os._exit(0)
+    if not late:
+        os.read(ready, 1)
+    os._exit(0)
+os.close(telling)
+os.wait()
+begun = time.monotonic()
+said = b""
+while block := os.read(told, 100):
+    said += block
+print(said.count(b"it lives") <= (not late), time.monotonic() - begun < 0.9)
+""")
+    assert run.stdout.strip() == "True True", run.stderr
+
+
+def test_a_fork_is_refused_if_there_is_no_way_back() -> None:
+    """A user namespace has the process ids of its surroundings: nothing is changed there."""
+    program = PROGRAM.format(form="ROOT", body="").replace("enter_sandbox(Form.ROOT)\n", "")
+    program += """
+from confine.namespaces import fork_first
+try:
+    fork_first()
+except OSError as problem:
+    print(type(problem).__name__, os.readlink("/proc/self/ns/pid_for_children") == before["pid"])
+"""
+    run = subprocess.run(
+        ["unshare", "--user", "--map-root-user", sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    if run.returncode != 0:
+        pytest.skip(f"no user namespaces here: {run.stderr}")
+    assert run.stdout.strip() == "PermissionError True", run.stderr

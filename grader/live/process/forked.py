@@ -35,13 +35,17 @@ _LONGEST_LINE_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Program:
-    """The work of a fork, its name, all of its environment, and the descriptors that it keeps open."""
+    """The work of a fork, its name, all of its environment, and the descriptors that it keeps open.
+
+    A program with `own_ids` is the first process of a namespace of process ids, if the system permits that.
+    """
 
     name: str
     main: Callable[[], object]
     environment: Mapping[str, str]
     address_space_bytes: int | None = None
     kept: Collection[int] = ()
+    own_ids: bool = False
 
 
 def run_script(file: str, *arguments: str) -> None:
@@ -107,10 +111,14 @@ def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoRetur
 
 
 def _leave_everything(program: Program, parent: int, descriptors: Sequence[int]) -> None:
-    """Keep nothing of the other process but its image."""
-    end_with_parent()
-    if os.getppid() != parent:
-        os._exit(1)
+    """Keep nothing of the other process but its image.
+
+    The first process of a namespace cannot see its parent, and `fork_first` has seen to its end.
+    """
+    if os.getpid() != 1:
+        end_with_parent()
+        if os.getppid() != parent:
+            os._exit(1)
     name_process(program.name)
     os.setsid()
     signal.set_wakeup_fd(-1)

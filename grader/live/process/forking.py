@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from confine.helpers import python, start_helper
+from confine.namespaces import fork_first
 from grader.live.process.forked import Program, become, read_pipe
 
 if TYPE_CHECKING:
@@ -241,18 +242,35 @@ def _fork(
     """
     server = os.getpid()
     output = descriptors[1]
+    told, telling = os.pipe()
     try:
         program = program_of(request)
-        forked = os.fork()
+        forked = _forked(program)
+        if forked == 0:
+            os.close(telling)
+            os.read(told, 1)  # until the server has written the first line of the output
+            become(program, server, descriptors)
+        _write_line(output, str(forked))
     except OSError as problem:  # The forks that run already go on.
-        with suppress(OSError):
-            os.write(output, f"{problem}\n".encode())
+        _write_line(output, str(problem))
         return None
-    if forked == 0:
-        with suppress(OSError):
-            os.write(output, f"{os.getpid()}\n".encode())
-        become(program, server, descriptors)
+    finally:
+        os.close(told)
+        os.close(telling)
     return forked
+
+
+def _forked(program: Program) -> int:
+    """Fork this process for a program, and return as `os.fork` does."""
+    if program.own_ids:
+        with suppress(OSError):
+            return fork_first()
+    return os.fork()
+
+
+def _write_line(output: int, line: str) -> None:
+    with suppress(OSError):
+        os.write(output, f"{line}\n".encode())
 
 
 def _reap(outputs: dict[int, int], options: int) -> None:

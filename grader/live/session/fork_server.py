@@ -32,6 +32,7 @@ from confine.namespaces import (
     Form,
     end_with_parent,
     enter_own_mounts,
+    enter_rest_of_sandbox,
     enter_sandbox,
     name_process,
 )
@@ -189,6 +190,7 @@ def _program_of(request: bytes) -> Program:
         partial(_run_in_sandbox, form, plan, watch),
         trusted_environment(plan.parent, 0),
         kept=(watch.fileno(),),
+        own_ids=form is not Form.NONE,
     )
 
 
@@ -228,7 +230,10 @@ def _run_in_sandbox(form: Form, file: Path, watch: socket.socket) -> None:
     plan: SessionPlan = pickle.loads(
         file.read_bytes()
     )  # the grader's own, in a folder that nobody else may enter
-    enter_sandbox(form)
+    if os.getpid() == 1:
+        enter_rest_of_sandbox()
+    else:
+        enter_sandbox(form)
     name_process("session")
     run(plan, watch)
 
