@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from decimal import Decimal
+from functools import lru_cache
 from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
@@ -107,11 +108,24 @@ def built(function: Callable[..., Any], p: BaseModel) -> list[Any]:
     wanted = list(inspect.signature(function).parameters.values())[1:]
     try:
         return [
-            TypeAdapter(_class_of(each.annotation, function)).validate_python(given)
+            _adapter(_class_of(each.annotation, function)).validate_python(given)
             for each in wanted
         ]
     except ValidationError as error:
         raise ValueError("; ".join(map(_mistake, error.errors()))) from error
+
+
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    """Return the reader of a class of parameters."""
+    if isinstance(kind, type):
+        return _adapter_of_class(kind)
+    return TypeAdapter(kind)
+
+
+@lru_cache(maxsize=64)
+def _adapter_of_class(kind: type) -> TypeAdapter[Any]:
+    """Return the reader of a class, which all calls of a check share."""
+    return TypeAdapter(kind)
 
 
 def _class_of(annotation: Any, function: Callable[..., Any]) -> Any:
