@@ -350,7 +350,11 @@ class Phrasebook:
             yield self._joined(parts, _MARKS.findall(text), work, depth)
 
     def _by_known_items(self, text: str, _work: _Work, _depth: int) -> Iterator[Found]:
-        """Yield the translation of a list of which each item is a message without values."""
+        """Yield the translation of a list of which each item is a message without values; a full stop may end it."""
+        end = ""
+        if text.endswith("."):
+            end = "."
+            text = text[:-1]
         items = self._items(text, ", ")
         if len(items) < 2:
             return
@@ -360,6 +364,8 @@ class Phrasebook:
             if known is None:
                 return
             parts += (", ", known)
+        if end:
+            parts.append(end)
         yield Found(tuple(parts[1:]))
 
     def _by_list(self, text: str, work: _Work, depth: int) -> Iterator[Found]:
