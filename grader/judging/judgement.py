@@ -22,6 +22,7 @@ from grader.judging.judge import FULL, Effort, Recordings, judge, open_recording
 from grader.judging.lab_functions import execute_files
 from grader.judging.languages import language_of_people, languages_of
 from grader.judging.past_scores import with_past
+from grader.judging.warming import build_readers
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import CriterionSpec, Rubric
@@ -29,6 +30,7 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import EARLIER_FILE
+from grader.submission.artifacts import given_texts
 from grader.submission.submission_time import submission_time_of
 from ros_bag.definitions import DefinitionNotFound, definition_of
 from ros_bag.elements import MOST_VALUES
@@ -184,6 +186,7 @@ def load(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     languages_of(rubric, rubric.lab.language)
     _compile_decoders(_message_types(rubric, naming_types))
     _compile_functions(rubric)
+    build_readers()
 
 
 def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
@@ -236,11 +239,14 @@ def _compile_functions(rubric: Rubric) -> None:
 
 
 def _empty_submission(rubric: Rubric) -> SubmissionRecord:
-    """Return a submission that has one sample file for all artifacts."""
+    """Return a submission that has one sample file for all artifacts, beside the texts that the lab gave out."""
     texts = {"README.md": _SAMPLE, "node.py": f'"""{_SAMPLE}"""\n'}
     artifacts = [ArtifactFact(name, "node.py", "node.py", "name") for name in rubric.artifacts]
     files = [FileFact(path, len(text), "") for path, text in texts.items()]
-    return SubmissionRecord("nobody", files=files, texts=texts, artifacts=artifacts)
+    given = given_texts(rubric)
+    return SubmissionRecord(
+        "nobody", files=files, texts=texts, given_texts=given, artifacts=artifacts
+    )
 
 
 def evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str:

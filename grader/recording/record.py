@@ -7,7 +7,7 @@ import functools
 import json
 import types
 import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -59,12 +59,28 @@ def from_plain(kind: type[T], plain: Any) -> T:
 
 
 def prepare(kinds: Iterable[type[Any]]) -> None:
-    """Find the readers of some dataclasses, so that forks of this process have them."""
-    for kind in kinds:
+    """Find the readers of some dataclasses, and of those within them, so that forks of this process have them."""
+    waiting = list(kinds)
+    seen: set[type[Any]] = set()
+    while waiting:
+        kind = waiting.pop()
+        if kind in seen:
+            continue
+        seen.add(kind)
         _readers(cast(Any, kind))
+        for hint in typing.get_type_hints(kind).values():
+            waiting += _dataclasses_in(hint)
 
 
-@functools.lru_cache(maxsize=64)
+def _dataclasses_in(hint: Any) -> Iterator[type[Any]]:
+    """Yield the dataclasses in a type such as `dict[str, list[Kind] | None]`."""
+    if dataclasses.is_dataclass(hint):
+        yield cast(Any, hint)
+    for argument in typing.get_args(hint):
+        yield from _dataclasses_in(argument)
+
+
+@functools.lru_cache(maxsize=128)
 def _readers(kind: type[Any]) -> dict[str, _Reader]:
     """Return a reader for each field of a dataclass. Finding them takes longer than reading a record."""
     hints = typing.get_type_hints(kind)

@@ -46,7 +46,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     record.identity = source.identity
     set_submission_time(record, source.submission_time)
     collect_files(intake.folder, record)
-    record.given_texts = _given_texts(rubric)
+    record.given_texts = given_texts(rubric)
     if not record.files:
         raise SubmissionError(
             "the submission is empty",
@@ -194,7 +194,7 @@ def collect_files(folder: Path, record: SubmissionRecord) -> None:
     _limit_texts(record.texts)
 
 
-def _given_texts(rubric: Rubric) -> dict[str, str]:
+def given_texts(rubric: Rubric) -> dict[str, str]:
     """Return the texts of the lab's handout, a file or a folder; nothing if the handout is not here."""
     if rubric.lab.handout is None:
         return {}
