@@ -22,7 +22,7 @@ from grader.judging.judge import FULL, Effort, Recordings, judge, open_recording
 from grader.judging.lab_functions import execute_files
 from grader.judging.languages import language_of_people, languages_of
 from grader.judging.past_scores import with_past
-from grader.judging.warming import build_readers
+from grader.judging.warming import build_readers, keep_freed_memory
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import CriterionSpec, Rubric
@@ -199,6 +199,7 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
         return
     load(rubric, naming_types)
     execute_files(rubric)
+    keep_freed_memory()
     empty = Recordings(_empty_submission(rubric), {})
     result = judge(empty, rubric)
     result_of_text(to_json(result))
