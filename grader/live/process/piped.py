@@ -61,6 +61,24 @@ class PipedProcess:
         return await asyncio.shield(self._status)
 
 
+async def wait_for_end(pid: int, timeout_s: float) -> None:
+    """Wait until a process has ended, up to a time; raises `OSError` if there is none."""
+    loop = asyncio.get_running_loop()
+    ended = loop.create_future()
+    descriptor = os.pidfd_open(pid)
+
+    def note_end() -> None:
+        loop.remove_reader(descriptor)
+        ended.set_result(None)
+
+    loop.add_reader(descriptor, note_end)
+    try:
+        await asyncio.wait({ended}, timeout=timeout_s)
+    finally:
+        loop.remove_reader(descriptor)
+        os.close(descriptor)
+
+
 class BlockReader:
     """Hands on each block from a pipe as it comes, and an empty one at its end.
 

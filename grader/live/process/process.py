@@ -19,7 +19,13 @@ from confine.machine import children_of, descendants_of
 from confine.priority import STANDING, put_in_real_time, put_standing
 from confine.program_usage import ProgramUsage
 from grader.live.process.forked import Program, start_forked
-from grader.live.process.piped import READ_BYTES, BlockReader, PipedProcess, PipeWriter
+from grader.live.process.piped import (
+    READ_BYTES,
+    BlockReader,
+    PipedProcess,
+    PipeWriter,
+    wait_for_end,
+)
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; further output is counted and dropped.
@@ -39,6 +45,8 @@ _LONGEST_MESSAGE_BYTES = 64 * 2**20
 _TERMINATE_GRACE_S = 1.0
 #: Time to read the last output after the exit of a process, on a busy machine.
 _LAST_OUTPUT_S = 2.0
+#: Time for the first process of a sandbox to end after the sandbox, on a busy machine.
+_LAST_USAGE_S = 0.5
 #: Timeout of another program that holds a process to a core; it takes a few ms.
 _HOLD_S = 2.0
 
@@ -183,7 +191,7 @@ class RunningProcess:
         await asyncio.wait(ends, timeout=_LAST_OUTPUT_S)
         for reader in self._readers:
             reader.stop()
-        self._note_last_usage()
+        await self._note_last_usage()
         self._usage.close()
         # A launch file may start more programs than the grader may have files open.
         if self._child_pid_fd is not None:
@@ -363,21 +371,22 @@ class RunningProcess:
         *_, before, now = Usage(0, 0, 0), Usage(1, 0, 0), *self.run.usage
         return (now.cpu_ns - before.cpu_ns) / (now.t_ns - before.t_ns)
 
-    def _note_last_usage(self) -> None:
+    async def _note_last_usage(self) -> None:
         """Note the CPU time until its end, which no sample has; its delay is taken from the last sample.
 
-        A sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the session.
+        A sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the session. That
+        process may end a moment later.
         """
         if self._sandbox_pid is None or not self.run.usage:
             return
-        with suppress(ChildProcessError):
+        with suppress(OSError):
+            await wait_for_end(self._sandbox_pid, _LAST_USAGE_S)
             pid, _, used = os.wait4(self._sandbox_pid, os.WNOHANG)
             last = self.run.usage[-1]
             cpu_ns = round((used.ru_utime + used.ru_stime) * 1e9)
             if pid and cpu_ns > last.cpu_ns:
-                self.run.usage.append(
-                    Usage(self.run.exited_ns or last.t_ns, cpu_ns, last.run_delay_ns)
-                )
+                end_ns = max(self.run.exited_ns or 0, last.t_ns)
+                self.run.usage.append(Usage(end_ns, cpu_ns, last.run_delay_ns))
 
 
 class PipeReader:

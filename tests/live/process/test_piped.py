@@ -6,11 +6,12 @@ import asyncio
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 
 from confine.namespaces import open_descriptors
-from grader.live.process.piped import BlockReader, PipedProcess, PipeWriter
+from grader.live.process.piped import BlockReader, PipedProcess, PipeWriter, wait_for_end
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -123,4 +124,29 @@ def test_the_end_of_a_process_is_its_status(
 
     before = open_descriptors(0)
     assert asyncio.run(run()) == [3, 4, -9]
+    assert open_descriptors(0) == before
+
+
+def test_an_end_is_waited_for_as_long_as_permitted() -> None:
+    """The process that ended can still be waited for with its times; one that goes on is not disturbed."""
+
+    async def waits_s(command: str) -> tuple[float, int | None]:
+        process = subprocess.Popen(["sh", "-c", command])
+        begun_s = time.monotonic()
+        await wait_for_end(process.pid, 0.5)
+        took_s = time.monotonic() - begun_s
+        status = process.poll()
+        process.kill()
+        process.wait()
+        with pytest.raises(ProcessLookupError):
+            await wait_for_end(process.pid, 0.5)
+        return took_s, status
+
+    before = open_descriptors(0)
+    took_s, status = asyncio.run(waits_s("sleep 0.1; exit 3"))
+    assert took_s < 0.4
+    assert status == 3
+    took_s, status = asyncio.run(waits_s("exec sleep 60"))
+    assert 0.4 < took_s < 1.5
+    assert status is None
     assert open_descriptors(0) == before
