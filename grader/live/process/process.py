@@ -342,7 +342,7 @@ class RunningProcess:
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
         root = self.root_pid()
-        if root is None or not self.alive:
+        if root is None or self.run.exited_ns is not None:
             return
         self._usage.look(root)
         if not self._usage.times:  # The process ended before the first sample.
@@ -384,9 +384,9 @@ class RunningProcess:
             pid, _, used = os.wait4(self._sandbox_pid, os.WNOHANG)
             last = self.run.usage[-1]
             cpu_ns = round((used.ru_utime + used.ru_stime) * 1e9)
-            if pid and cpu_ns > last.cpu_ns:
-                end_ns = max(self.run.exited_ns or 0, last.t_ns)
-                self.run.usage.append(Usage(end_ns, cpu_ns, last.run_delay_ns))
+            exited_ns = self.run.exited_ns or 0
+            if pid and cpu_ns > last.cpu_ns and exited_ns > last.t_ns:
+                self.run.usage.append(Usage(exited_ns, cpu_ns, last.run_delay_ns))
 
 
 class PipeReader:
