@@ -100,9 +100,10 @@ class SandboxCgroup:
 
     def memory_bytes(self) -> int:
         """Return the memory used by the group, 0 if it cannot be read."""
-        with suppress(OSError, ValueError):
+        try:
             return int(self._taken.read())
-        return 0
+        except (OSError, ValueError):
+            return 0
 
     def cpu_ns(self) -> int | None:
         """Return the CPU time of all present and past processes of the group, in ns; None if nothing sums it up."""
@@ -160,9 +161,10 @@ class _NamedCounter(CounterFile):
 
     def value(self) -> int:
         """Return the counter, 0 if it is not there."""
-        text = b""
-        with suppress(OSError):
+        try:
             text = self.read()
+        except OSError:
+            text = b""
         if text != self._text:
             self._text = text
             words = text.split()

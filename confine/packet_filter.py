@@ -70,17 +70,19 @@ def _udp_sockets(pid: int, known: set[_Key]) -> Iterator[tuple[_Key, socket.sock
         handle = os.pidfd_open(pid)
         try:
             for name in os.listdir(folder):  # noqa: PTH208 - twice a second; as paths it would take several times as long
-                with suppress(OSError):
+                try:
                     key = (pid, os.readlink(f"{folder}/{name}"))  # noqa: PTH115
                     if key in known or not key[1].startswith("socket:"):
                         continue
                     descriptor = call("syscall", _PIDFD_GETFD, handle, int(name), 0)
                     found = socket.socket(fileno=descriptor)
-                    known.add(key)
-                    if (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
-                        yield key, found
-                    else:
-                        found.close()
+                except OSError:
+                    continue
+                known.add(key)
+                if (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
+                    yield key, found
+                else:
+                    found.close()
         finally:
             os.close(handle)
 

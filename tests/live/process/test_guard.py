@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import os
+import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -137,3 +139,24 @@ def lives(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
     except OSError:
         return False
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root mounts file systems here")
+def test_a_full_area_is_noted_and_a_missing_one_is_passed_over(tmp_path: Path) -> None:
+    """A process beside a full file system of its own is not ended: the limit is noted."""
+    record, _ = watched(tmp_path / "missing", sized=True)
+    assert record.limit is None
+    area = tmp_path / "area"
+    area.mkdir()
+    subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "none", str(area)], check=True, timeout=10
+    )
+    try:
+        record, _ = watched(area, sized=True)
+        assert record.limit is None
+        with suppress(OSError):
+            (area / "file").write_bytes(bytes(2**20))
+        record, _ = watched(area, sized=True)
+        assert (record.limit, record.ended_by) == ("disk", "kill")
+    finally:
+        subprocess.run(["umount", "--lazy", str(area)], check=True, timeout=10)
