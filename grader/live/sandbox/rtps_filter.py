@@ -18,8 +18,10 @@ from collections.abc import Collection
 from confine.packet_filter import MARK, PacketFilter
 from confine.seccomp import step
 
-# Classic BPF. Loads: a word at an offset, a byte or half beyond X, the packet's length; then arithmetic and jumps.
-_WORD, _BYTE_AT_X, _HALF_AT_X, _LENGTH, _STORED_TO_X = 0x20, 0x50, 0x48, 0x80, 0x61
+# Classic BPF. Loads: a word at an offset, a byte, half or word beyond X, the packet's length; then arithmetic and jumps.
+_WORD, _BYTE_AT_X, _HALF_AT_X, _WORD_AT_X, _LENGTH, _STORED_TO_X = (
+    0x20, 0x50, 0x48, 0x40, 0x80, 0x61,
+)  # fmt: skip
 _ADD, _ADD_X, _SUBTRACT, _SHIFT_LEFT, _OR_X, _SET_X, _TO_X, _STORE, _STORE_X = (
     0x04, 0x0C, 0x14, 0x64, 0x4C, 0x01, 0x07, 0x02, 0x03,
 )  # fmt: skip
@@ -52,8 +54,8 @@ def _look_at_part(named: bool) -> list[bytes]:
     """Return steps that look at the part of a packet that begins at X, and set X to the next."""
     source = [step(_EQUAL, _INFO_SOURCE, 0, 1), _DROP] if named else []
     gap = _unless_shorter(28)
-    for high in (12, 14, 20, 22):  # of the first number, and of the one after the last
-        gap += [step(_HALF_AT_X, high), step(_EQUAL, 0, 1, 0), _DROP]
+    for high in (12, 20):  # of the first number, and of the one after the last
+        gap += [step(_WORD_AT_X, high), step(_EQUAL, 0, 1, 0), _DROP]
     gap += [
         step(_BYTE_AT_X, 1),
         step(_ANY_BIT, 1, 0, 2),

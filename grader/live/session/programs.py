@@ -79,6 +79,9 @@ class Programs:
         self.links: list[asyncio.Task[ProcessRun]] = []
         self._linked: list[RunningProcess] = []
         self._filter = rtps_filter()
+        self.sandbox.before_start = self._filter.arm
+        if not plan.isolation.namespaces:  # Others may send from the beginning.
+            self._filter.arm()
         #: Process of the grader -> its scheduling, and the number of looks at its sockets since then.
         self._protected: dict[RunningProcess, tuple[object, int]] = {}
 

@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -80,6 +80,8 @@ class StudentSandbox:
         )
         self._prefixes = sorted(plan.interfaces.iterdir()) if plan.interfaces is not None else []
         self.seen = self._room.seen(plan.isolation)
+        #: Called before each program of the student.
+        self.before_start: Callable[[], object] = bool
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._taps: dict[str, PipeReader] = {}
@@ -206,6 +208,7 @@ class StudentSandbox:
 
         It sees another `workspace` instead of the session's, and `folders` besides, if these are given.
         """
+        self.before_start()
         self.record.processes.append(run)
         if (
             workspace is None

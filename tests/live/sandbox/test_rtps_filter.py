@@ -41,6 +41,7 @@ def sockets() -> Iterator[tuple[socket.socket, socket.socket]]:
         ours.settimeout(0.2)
         guard = rtps_filter()
         guard.protect(os.getpid(), OURS.hex())
+        guard.arm()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs:
             yield ours, theirs
 
@@ -86,3 +87,27 @@ def test_a_name_of_the_graders_comes_from_the_grader_only(
     ours, theirs = sockets
     assert not arrives(ours, theirs, packet)
     assert arrives(ours, ours, packet)
+
+
+@pytest.mark.parametrize("is_early", [True, False])
+def test_sockets_are_filtered_as_soon_as_the_filter_is_armed(*, is_early: bool) -> None:
+    """Sockets that were known before are filtered by then, and later ones at once."""
+    guard = rtps_filter()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
+        ours.bind(("127.0.0.1", 0))
+        ours.settimeout(0.2)
+
+        def passes(packet: bytes) -> bool:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unmarked:
+                return arrives(ours, unmarked, packet)
+
+        endless = HEAD + THEIRS + gap(1, 2**40)
+        if is_early:
+            guard.protect(os.getpid())
+            assert passes(endless)
+        guard.arm()
+        if not is_early:
+            assert passes(endless)
+            guard.protect(os.getpid())
+        assert not passes(endless)
+        assert passes(HEAD + THEIRS + DATA)
