@@ -128,9 +128,11 @@ def _types_of(topic_type: str, definition: MessageDefinition) -> Typesdict:
 @functools.lru_cache(maxsize=64)
 def _decoder_of(topic_type: str, definition: MessageDefinition) -> _Decoder | None:
     """Return a decoder of CDR by the definition in the bag; None if the definition cannot be understood."""
-    from rosbags.typesys import Stores, TypesysError, get_typestore
+    from rosbags.typesys import TypesysError
 
-    store = get_typestore(Stores.EMPTY)
+    from ros_bag.decoders import ReadingStore
+
+    store = ReadingStore()
     try:
         store.register(_types_of(topic_type, definition))
         # Compiles the decoder, which fails for wide strings.
