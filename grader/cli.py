@@ -7,6 +7,7 @@ import gc
 import importlib
 import os
 import sys
+import threading
 import traceback
 from collections.abc import Sequence
 from enum import Enum
@@ -23,8 +24,32 @@ from grader.plain_output import write_to_any_terminal
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    """Run the command; returns the exit status, or ends the process with it if the arguments are the process's."""
+    if argv is not None:
+        return _status_of(list(argv))
+    status = _status_of(sys.argv[1:])
+    _end(status)
+    return status
+
+
+def _end(status: int) -> None:
+    """End the process without Python's own end, which takes all modules apart in 30 ms."""
+    # Python would wait for other threads.
+    if threading.active_count() > 1:
+        return
+    atexit._run_exitfuncs()
+    try:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()
+    except (OSError, ValueError):
+        # Python's own end reports it.
+        return
+    os._exit(status)
+
+
+def _status_of(arguments: list[str]) -> int:
+    """Run the command, and report its errors; returns the exit status."""
     write_to_any_terminal()
     console = _Console(highlight=False, emoji=False)
     # Imported modules stay: looking for garbage in them took a sixth of the start, and 0.16 s at the end.
