@@ -88,8 +88,13 @@ def _types_of_idl(text: str) -> Typesdict:
 
 def share_folders() -> tuple[Path, ...]:
     """Return the folders with the definitions of installed packages, in order of search."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    used = dict.fromkeys([*filter(None, prefixes), sys.prefix])
+    return _share_folders(os.environ.get("AMENT_PREFIX_PATH", ""), sys.prefix)
+
+
+@lru_cache(maxsize=4)
+def _share_folders(searched: str, last: str) -> tuple[Path, ...]:
+    prefixes = filter(None, searched.split(os.pathsep))
+    used = dict.fromkeys([*prefixes, last])
     return tuple(Path(prefix) / "share" for prefix in used)
 
 
@@ -140,28 +145,31 @@ def _has_wide_strings(fields: Sequence[Mapping[str, Any]]) -> bool:
 
 def _msg_text(name: str, folders: tuple[Path, ...]) -> str | None:
     """Return the installed `.msg` text of a type, with plain line ends; None if there is none."""
-    package, folder, stem = name.split("/")
-    if folder != "msg":
-        return None
-    for share in folders:
-        if (share / package / folder / f"{stem}.json").is_file():
-            with suppress(OSError):
-                return _plain_text(share / package / folder / f"{stem}.msg")
-            return None
+    with suppress(OSError):
+        return _plain_text(name, folders)
     return None
 
 
 @lru_cache(maxsize=256)
-def _plain_text(file: Path) -> str:
+def _plain_text(name: str, folders: tuple[Path, ...]) -> str:
     """Return a `.msg` text without the parts that readers of bags understand differently than rosidl.
 
     A ruler in a comment does not end the definition, each line ends with a line feed, and `char` is `uint8`. Raises
-    OSError.
+    OSError if there is no text.
     """
-    text = file.read_text(encoding="utf-8", errors="replace")
-    lines = [_CHAR.sub("uint8", line) for line in text.splitlines()]
-    plain = "\n".join(lines)
-    return plain.replace(SEPARATOR, "")
+    package, folder, stem = name.split("/")
+    if folder != "msg":
+        raise FileNotFoundError(name)
+    for share in folders:
+        place = share / package
+        described = place / folder / f"{stem}.json"
+        if described.is_file():
+            file = described.with_suffix(".msg")
+            text = file.read_text(encoding="utf-8", errors="replace")
+            lines = [_CHAR.sub("uint8", line) for line in text.splitlines()]
+            plain = "\n".join(lines)
+            return plain.replace(SEPARATOR, "")
+    raise FileNotFoundError(name)
 
 
 def _joined(texts: Iterable[tuple[str, str]]) -> str:

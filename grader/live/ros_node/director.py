@@ -57,7 +57,7 @@ class Director:
     ) -> None:
         self._probe = Probe(folder, name, domain_id, reference_nodes, expected)
         self._problems: list[str] = []
-        self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self._requests: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
 
     def serve(self) -> None:
         """Answer requests until `stop` or the end of input."""

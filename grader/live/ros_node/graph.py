@@ -22,11 +22,13 @@ import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 from rclpy.type_hash import TypeHash
+from rclpy.type_support import check_for_type_support
 from std_msgs.msg import Empty
 
+from grader.live.ros_node.bare_node import BareNode
 from grader.recording.session import (
     GRADER_NAMESPACE,
     PROCESS_DIGITS,
@@ -79,12 +81,6 @@ def silent_node(name: str, context: rclpy.Context) -> Node:
     )
 
 
-def bare_node(name: str, context: rclpy.Context) -> Any:
-    """Make a node of the grader without parameters, a clock and a publisher of its own, as a handle of rclpy."""
-    with context.handle:
-        return rclpy_implementation.Node(name, GRADER_NAMESPACE, context.handle, None, False, False)
-
-
 def interface_named(name: str) -> Any:
     """Import the class of an interface's type, e.g. ``std_srvs/srv/SetBool``; raises ImportError if there is none.
 
@@ -118,23 +114,28 @@ def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
         return otherwise
 
 
-def _topics(node: Node, known: Collection[str]) -> list[tuple[str, list[str]]]:
+def _topics(node: Node | BareNode, known: Collection[str]) -> list[tuple[str, list[str]]]:
     """Return names and types of topics; of those known by name alone where types are not known."""
     facts: list[tuple[str, list[str]]] = [(name, []) for name in known]
     facts = _readable(node.get_topic_names_and_types, facts)
     return [(name, types) for name, types in facts if _TOPIC_NAME.fullmatch(name)]
 
 
-def gid_prefix_of(node: Node) -> str:
+def gid_prefix_of(node: Node | BareNode) -> str:
     """Return the digits with which the gids of all endpoints of a node's process begin.
 
     They are read from the graph, on a topic with a secret name.
     """
     topic = f"{GRADER_NAMESPACE}/_{secrets.token_hex(8)}"
-    publisher = node.create_publisher(Empty, topic, 1)
-    (info,) = node.get_publishers_info_by_topic(topic)
-    node.destroy_publisher(publisher)
-    return _gid(info.endpoint_gid)[:PROCESS_DIGITS]
+    check_for_type_support(Empty)
+    handle = node.handle
+    with handle:
+        publisher = rclpy_implementation.Publisher(
+            handle, Empty, topic, QoSProfile(depth=1).get_c_qos_profile()
+        )
+        (info,) = rclpy_implementation.rclpy_get_publishers_info_by_topic(handle, topic, False)
+    publisher.destroy_when_not_in_use()
+    return _gid(info["endpoint_gid"])[:PROCESS_DIGITS]
 
 
 def _gid(numbers: Sequence[int]) -> str:
@@ -195,7 +196,7 @@ class Endpoints:
     as the report itself takes. A report takes twenty times as long as a glance.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node | BareNode) -> None:
         self._node = node
         #: Topic -> its endpoints by the last reports.
         self._known: dict[str, list[Endpoint]] = {}
@@ -271,7 +272,7 @@ def _endpoint(topic: str, report: Mapping[str, Any]) -> Endpoint:
 
 
 def snapshot(
-    node: Node,
+    node: Node | BareNode,
     own_prefix: str,
     first: Collection[str],
     before: GraphSnapshot,
@@ -299,7 +300,7 @@ def snapshot(
     return taken
 
 
-def _node_names(node: Node, before: GraphSnapshot) -> list[str]:
+def _node_names(node: Node | BareNode, before: GraphSnapshot) -> list[str]:
     """Return the full names of all nodes, sorted, with duplicates."""
     otherwise = []
     for full in before.nodes:
@@ -310,7 +311,7 @@ def _node_names(node: Node, before: GraphSnapshot) -> list[str]:
 
 
 def _topics_to_look_at(
-    node: Node, first: Collection[str], before: GraphSnapshot, glance: Glance
+    node: Node | BareNode, first: Collection[str], before: GraphSnapshot, glance: Glance
 ) -> list[str]:
     names = [*glance.topics, *glance.more]
     if not names:  # Perhaps they cannot be read.
@@ -337,7 +338,7 @@ def _student_endpoints(
     return sorted(endpoints[:MAX_ENDPOINTS], key=lambda each: (each.topic, each.kind, each.gid))
 
 
-def _services_of_namesakes(node: Node, taken: GraphSnapshot) -> list[ServiceEndpoint]:
+def _services_of_namesakes(node: Node | BareNode, taken: GraphSnapshot) -> list[ServiceEndpoint]:
     """Return services of several nodes with one name, because the middleware reports only one of them."""
     name = Counter(taken.nodes).most_common(1)[0][0]
     known = {service.name for service in taken.services}
@@ -349,7 +350,7 @@ def _services_of_namesakes(node: Node, taken: GraphSnapshot) -> list[ServiceEndp
     return services
 
 
-def _glance(node: Node) -> Glance:
+def _glance(node: Node | BareNode) -> Glance:
     """Glance at the graph."""
     topics = _topics(node, ())
     handle = node.handle
@@ -380,7 +381,7 @@ class GraphEvents:
     rclpy does not offer the condition of a node's graph, but can wait for it.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node | BareNode) -> None:
         condition_of = _RCL.rcl_node_get_graph_guard_condition
         condition_of.restype = ctypes.c_void_p
         condition_of.argtypes = [ctypes.c_void_p]
@@ -426,7 +427,7 @@ class GraphWatch:
     MAX_CHANGES, MAX_ENTRIES = 500, 50_000
 
     def __init__(
-        self, node: Node, on_change: Callable[[GraphSnapshot], None], first: set[str]
+        self, node: Node | BareNode, on_change: Callable[[GraphSnapshot], None], first: set[str]
     ) -> None:
         self._node = node
         self.first = first
@@ -443,6 +444,8 @@ class GraphWatch:
         #: Time of the first change since the last close look.
         self._unseen_s = math.inf
         self.last = GraphSnapshot(0)
+        #: True while names of nodes in the last snapshot are on their way.
+        self._lacks_names = False
 
     def call(self) -> None:
         """End the wait of another thread, or its next one."""
@@ -480,7 +483,7 @@ class GraphWatch:
         self._unseen_s = min(self._unseen_s, now_s)
         self._has_changed = False
         glance = _glance(self._node)
-        if glance == self._glance and not any((is_close, self._are_names_missing())):
+        if glance == self._glance and not any((is_close, self._lacks_names)):
             return self.last
         self._glance = glance
         if is_close:
@@ -492,6 +495,7 @@ class GraphWatch:
         )
         if not self._changes or taken != replace(self.last, t_ns=taken.t_ns):
             self.last = taken
+            self._lacks_names = _are_names_missing(taken.endpoints)
             self._changes += 1
             self._entries += (
                 len(taken.nodes) + len(taken.endpoints) + len(taken.services) + len(taken.clients)
@@ -503,15 +507,11 @@ class GraphWatch:
     def _is_close_look_due(self, now_s: float) -> bool:
         """Return whether the graph is to be looked at whatever a glance shows."""
         period_s = self.SELDOM_S
-        if self._are_names_missing():
+        if self._lacks_names:
             period_s = self.CLOSELY_S
         if now_s - self._unseen_s >= self.CLOSELY_S:
             return True
         return now_s - self._closely_s >= period_s
-
-    def _are_names_missing(self) -> bool:
-        """Return whether names of nodes are on their way."""
-        return _are_names_missing(self.last.endpoints)
 
     def close(self) -> None:
         """Hand on how the graph is at the end."""

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.client import Client
+from rclpy.clock import ROSClock
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from grader.live.ros_node.answers import Answers
+from grader.live.ros_node.bare_node import BareNode
 from grader.live.ros_node.deadline import Deadline
 from grader.live.ros_node.goals import ActionProbe
 from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
@@ -71,19 +73,20 @@ class Probe:
         self.domain_id = domain_id
         self.reference_nodes = reference_nodes
         self.expected = expected
-        self.node = silent_node("probe", new_context(domain_id))
-        #: For actions alone.
+        self._node = BareNode("probe", new_context(domain_id))
+        self._clock = ROSClock()
+        #: For actions alone, with a node of their own.
         self._executor: SingleThreadedExecutor | None = None
-        self._answers = Answers(self.node.context)
+        self._answers = Answers(self._node.context)
         free_bytes = shutil.disk_usage(folder).free
         self.limit_bytes = min(DEFAULT_LIMIT_BYTES, free_bytes // _SHARE_OF_FREE)
         self.recorder = Recorder(
             BagWriter(folder, name),
             domain_id,
             limit_bytes=self.limit_bytes,
-            context=self.node.context,
+            context=self._node.context,
         )
-        self.watch = GraphWatch(self.node, self._on_change, {*expected, *STANDARD_TOPICS})
+        self.watch = GraphWatch(self._node, self._on_change, {*expected, *STANDARD_TOPICS})
         #: Name in the rubric -> name that the student uses.
         self.names: dict[str, str] = {}
         #: Gids of endpoints of ended processes.
@@ -219,9 +222,9 @@ class Probe:
         key = (service, service_type, number)
         if key in self._clients:
             return
-        client = self.node.create_client(interface_named(service_type), service)
+        client = self._node.create_client(interface_named(service_type), service)
         client.configure_introspection(
-            self.node.get_clock(),
+            self._clock,
             QoSProfile(depth=_EVENTS_DEPTH),
             ServiceIntrospectionState.CONTENTS,
         )
@@ -243,10 +246,11 @@ class Probe:
         """Return the client of an action."""
         key = (name, action_type)
         if self._executor is None:
-            self._executor = SingleThreadedExecutor(context=self.node.context)
-            self._executor.add_node(self.node)
+            self._executor = SingleThreadedExecutor(context=self._node.context)
+            self._executor.add_node(silent_node("actions", self._node.context))
         if key not in self._actions:
-            self._actions[key] = ActionProbe(self.node, name, action_type)
+            (node,) = self._executor.get_nodes()
+            self._actions[key] = ActionProbe(node, name, action_type)
         return self._actions[key]
 
 

@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.context import Context
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.type_support import check_for_type_support
 
 from grader.errors import without_temporary_names
-from grader.live.ros_node.graph import bare_node, interface_named, new_context
+from grader.live.ros_node.bare_node import BareNode
+from grader.live.ros_node.graph import interface_named, new_context
 from grader.recording.session import Endpoint, RecordingGap
 from ros_bag.definitions import definition_of, type_hash_of
 from ros_bag.writing import BagWriter
@@ -66,7 +65,7 @@ class _Line:
     topic: str
     topic_type: str
     channel: int
-    node: Any
+    node: BareNode
     message_type: type
     request: _Request
     subscriptions: list[Any] = field(default_factory=list)
@@ -86,12 +85,7 @@ class _Line:
             if transient_local
             else DurabilityPolicy.VOLATILE,
         )
-        check_for_type_support(self.message_type)
-        with self.node:
-            subscription = rclpy_implementation.Subscription(
-                self.node, self.message_type, self.topic, profile.get_c_qos_profile()
-            )
-        self.subscriptions.append(subscription)
+        self.subscriptions.append(self.node.subscribe(self.message_type, self.topic, profile))
         self.request = request
 
     def publishers(self) -> int:
@@ -144,11 +138,11 @@ class Recorder:
         self._limit_topics = limit_topics
         self._lines: dict[tuple[str, str], _Line] = {}
         self._refused: set[tuple[str, str]] = set()
-        #: Handles of nodes, one a participant.
-        self._nodes: list[Any] = []
+        #: Nodes, one a participant.
+        self._nodes: list[BareNode] = []
         self._contexts: list[Context] = []
         if context is not None:
-            self._nodes.append(bare_node(f"{NODE_NAME}_0", context))
+            self._nodes.append(BareNode(f"{NODE_NAME}_0", context))
         self._lock = threading.Lock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -223,7 +217,7 @@ class Recorder:
         line.subscribe(line.request)
         return line
 
-    def _node(self, level: int) -> Any:
+    def _node(self, level: int) -> BareNode:
         """Return the node with the participant for the type number `level` of a topic."""
         if level >= _TYPES_PER_TOPIC:
             raise _LimitReached(
@@ -232,7 +226,7 @@ class Recorder:
         if level == len(self._nodes):
             context = new_context(self._domain_id)
             self._contexts.append(context)
-            self._nodes.append(bare_node(f"{NODE_NAME}_{level}", context))
+            self._nodes.append(BareNode(f"{NODE_NAME}_{level}", context))
         return self._nodes[level]
 
     # -- taking: on the recorder's thread ------------------------------------------------------
@@ -243,7 +237,7 @@ class Recorder:
         for line in self._lines.values():
             line.unsubscribe()
         for node in self._nodes:
-            node.destroy_when_not_in_use()
+            node.handle.destroy_when_not_in_use()
         for context in self._contexts:
             context.try_shutdown()
 

@@ -414,10 +414,12 @@ PARTICIPANTS = """
         self.create_timer(0.1, self.look)
 
     def look(self):
-        for info in self.get_publishers_info_by_topic('/parameter_events'):
-            # The node of a step that publishes is there only during the step, too short to be seen each time.
-            if info.node_namespace.startswith('/_grader') and info.node_name != 'publisher':
-                self.seen.add((info.node_name, bytes(info.endpoint_gid[:12]).hex()))
+        for topic, _ in self.get_topic_names_and_types():
+            infos = self.get_publishers_info_by_topic(topic) + self.get_subscriptions_info_by_topic(topic)
+            for info in infos:
+                # The node of a step that publishes is there only during the step, too short to be seen each time.
+                if info.node_namespace.startswith('/_grader') and info.node_name != 'publisher':
+                    self.seen.add((info.node_name, bytes(info.endpoint_gid[:12]).hex()))
 
     def ending(self):
         names, participants = (len(set(each)) for each in zip(*self.seen))
@@ -431,6 +433,7 @@ def test_the_recorder_has_no_participant_of_its_own(tmp_path: Path) -> None:
     steps: list[dict[str, Any]] = [
         {"wait_for": {"subscription": "/orders", "type": TEXT, "timeout_s": 20}},
         {"publish": {**orders, "message": {"data": "go"}, "count": 5, "rate_hz": 50}},
+        {"get_parameters": {"node": "/student", "names": ["use_sim_time"], "timeout_s": 20}},
         {"observe": {"duration_s": 3}},
     ]
     recorded = record_one(tmp_path, node(PARTICIPANTS), steps)
