@@ -26,7 +26,7 @@ from grader.judging.rubrics import rubric_files
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import meant
+from grader.lab.similar_words import meant
 from grader.live.builds.build import build_packages, can_build
 from grader.live.interfaces.build import parts_in
 from grader.live.interfaces.needs import Needed, needed_interfaces, provide_interfaces

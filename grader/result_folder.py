@@ -17,6 +17,8 @@ GRADES_FILE = "grades.csv"
 CHANGES_FILE = "changes.csv"
 JOURNAL_FILE = "journal.jsonl"
 AUDIT_FILE = "audit.jsonl"
+#: Decisions by people, beside the folders of the submissions.
+OVERRIDES_FILE = "overrides.yaml"
 SIMILARITY_FILE = "similarity.json"
 HISTORY = "history"
 EXPORTED = "exports"

@@ -14,7 +14,8 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.errors import SubmissionError
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import Fault, Strict, parse_yaml, read_text, suggestion
+from grader.lab.similar_words import suggestion
+from grader.lab.yaml_with_lines import Fault, Strict, parse_yaml, read_text
 from grader.result import CheckResult, CriterionResult, Outcome, Result
 
 EXPECTED_FILE = "expected.yaml"

@@ -74,13 +74,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Judge again, write the evidence, note question and answer; returns the exit status."""
+    options = make_parser().parse_args(arguments)
     from grader.commands.export import write_mails
     from grader.files import replace_file
     from grader.judging.judgement import evidence_of
     from grader.report.views import anchor
     from grader.result_folder import RECORDINGS
 
-    options = make_parser().parse_args(arguments)
     folder = options.results.resolve()
     desk = desk_of(folder.parent, options.rubric, options.overrides, options.who, "appeal")
     before = _check_of(desk, folder, options.check)
@@ -107,7 +107,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 def _check_of(desk: Desk, folder: Path, id_: str) -> CheckResult:
     """Return a check of a submission's result; raises UsageError if there is no such result or check."""
     from grader.errors import UsageError
-    from grader.lab.yaml_with_lines import meant
+    from grader.lab.similar_words import meant
 
     result = desk.judged().get(folder.name)
     if result is None:

@@ -20,7 +20,7 @@ from grader.commands.usage import Parser
 from grader.errors import GraderError, PlatformError, RubricError, UsageError
 from grader.lab.kept_lab import RUBRIC_FILE
 from grader.lab.shipped_labs import shipped_labs
-from grader.lab.yaml_with_lines import meant
+from grader.lab.similar_words import meant
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Collection, Mapping, Sequence
 from decimal import Decimal
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from grader.commands.arguments import add_flag, add_path, each, parser_of, print_note
+from grader.commands.export_options import add_exports
 from grader.errors import RecordingError
 from grader.report.escape import terminal_text
 from grader.report.exports import CLASS_EXPORTS, EXPORTS, Forms
@@ -27,8 +26,6 @@ from grader.result import load_result
 from grader.result_folder import RESULT_FILE
 
 if TYPE_CHECKING:
-    from argparse import _ActionsContainer
-
     from grader.cohort.entries import ClassEntry
 
 #: Maximum number of submissions named in a note.
@@ -39,46 +36,6 @@ example:
   Students are identified by the graded download and its class list. --class-list adds data, for example an export of
   the grade book. Without --column a new column is made; for an existing one, copy its heading from that export.
 """
-
-
-def add_exports(
-    parser: _ActionsContainer,
-    option: str,
-    forms: Forms = EXPORTS,
-) -> None:
-    """Add the option that chooses exports, and `--path-prefix`."""
-    parser.add_argument(
-        option,
-        type=partial(_target, forms=forms),
-        action="append",
-        default=[],
-        dest="exports",
-        metavar="NAME[=FILE]",
-        help=f"form of another system: {', '.join(forms)} (FILE: by default a file in the results folder; repeat the "
-        "option for several forms)",
-    )
-    parser.add_argument(
-        "--path-prefix",
-        type=_below_here,
-        default="",
-        metavar="DIR",
-        help="folder of the submission in its repository, for forms with lines of files (an absolute path must lie in "
-        "the working folder)",
-    )
-
-
-def _below_here(text: str) -> str:
-    """Return a path relative to the working folder, which is the repository in a CI job."""
-    if Path(text).is_absolute():
-        return os.path.relpath(text)
-    return text
-
-
-def _target(text: str, forms: Forms = FORMS) -> ExportTarget:
-    try:
-        return ExportTarget.parse(text, forms)
-    except ValueError as problem:
-        raise argparse.ArgumentTypeError(str(problem)) from None
 
 
 def _address(text: str) -> str:

@@ -35,7 +35,7 @@ from grader.commands.arguments import (
     print_note,
     students_side,
 )
-from grader.commands.export import add_exports
+from grader.commands.export_options import add_exports
 from grader.commands.usage import WrongUsage
 from grader.errors import GraderError, UsageError
 from grader.lab.shipped_labs import require_extras

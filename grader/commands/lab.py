@@ -158,7 +158,7 @@ def _list(options: argparse.Namespace, console: Console) -> int:
 
 def _copy(name: str, folder: Path, console: Console) -> int:
     from grader.lab.shipped_labs import copy_lab, shipped_labs
-    from grader.lab.yaml_with_lines import meant
+    from grader.lab.similar_words import meant
 
     labs = list(shipped_labs())
     if name not in labs:

@@ -17,7 +17,7 @@ from grader.commands import COMMANDS
 from grader.commands.arguments import add_flag, as_sentence, parser_of
 from grader.commands.outline import outline_of, own_api
 from grader.lab.references import Parameters
-from grader.lab.yaml_with_lines import meant
+from grader.lab.similar_words import meant
 
 _KINDS = {
     "string": "text",

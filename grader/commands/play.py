@@ -14,7 +14,7 @@ from rich.console import Console
 from confine.helpers import become, python
 from grader.commands.arguments import add_flag, parser_of, print_note
 from grader.errors import RecordingError, UsageError
-from grader.lab.yaml_with_lines import meant
+from grader.lab.similar_words import meant
 from grader.recording.session import SESSION_FILE
 from grader.result_folder import RECORDINGS
 
@@ -68,11 +68,11 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Play a recording; returns the exit status."""
+    parser = make_parser()
+    options = parser.parse_args(arguments)
     from grader.evidence.recorded import Recorded
     from grader.live.sandbox.environment import require_platform
 
-    parser = make_parser()
-    options = parser.parse_args(arguments)
     if not 0 < options.rate < float("inf"):
         parser.error("--rate must be a number above 0")
     folder = _recording(options.results, options.session)

@@ -84,10 +84,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Judge the results again; returns the exit status."""
-    from grader.classroom.regrade import is_class
-
     parser = make_parser()
     options = parser.parse_args(arguments)
+    from grader.classroom.regrade import is_class
+
     classes = [folder for folder in options.results if is_class(folder)]
     if not classes and any((options.apply, options.ask, options.jobs, options.mail)):
         parser.error(

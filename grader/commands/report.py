@@ -59,10 +59,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write page and table; returns the exit status."""
+    options = make_parser().parse_args(arguments)
     from grader.cohort.entries import compared_with, entries_in
     from grader.judging import rubrics
 
-    options = make_parser().parse_args(arguments)
     entries = _require_results(entries_in(options.results), options.results)
     if options.before is not None:
         entries = compared_with(

@@ -56,9 +56,9 @@ def login() -> str:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Serve the desk until Ctrl-C; returns the exit status."""
+    options = make_parser().parse_args(arguments)
     from grader.desk.server import serve
 
-    options = make_parser().parse_args(arguments)
     desk = desk_of(options.results, options.rubric, options.overrides, options.who)
 
     def ready(address: str) -> None:
@@ -95,8 +95,7 @@ def desk_of(
     from grader.desk.decisions import Desk
     from grader.errors import SubmissionError, UsageError
     from grader.judging.rubrics import rubric_of_class
-    from grader.lab.overrides import OVERRIDES_FILE
-    from grader.result_folder import RECORDINGS
+    from grader.result_folder import OVERRIDES_FILE, RECORDINGS
     from grader.submission.separation import lies_within, made_from
 
     results = results.resolve()

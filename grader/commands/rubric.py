@@ -32,10 +32,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Check a rubric; returns the exit status."""
+    chosen = make_parser().parse_args(arguments)
     from grader.judging.rubrics import read_rubric, rubric_kinds
     from grader.lab.rubric import json_schema, own_models
 
-    chosen = make_parser().parse_args(arguments)
     rubric = read_rubric(chosen.rubric)
     if chosen.schema:
         print(json.dumps(json_schema(rubric_kinds(), own_models(rubric)), indent=1))

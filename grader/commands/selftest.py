@@ -72,13 +72,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the fixtures and compare; returns the exit status."""
-    from grader.classroom.selftest import print_fixtures
-    from grader.judging import rubrics
-    from grader.lab.yaml_with_lines import meant
-    from grader.live.sandbox import environment
-
     parser = make_parser()
     options = parser.parse_args(arguments)
+    from grader.classroom.selftest import print_fixtures
+    from grader.judging import rubrics
+    from grader.lab.similar_words import meant
+    from grader.live.sandbox import environment
+
     rubric = rubrics.read_rubric(options.rubric)
     fixtures = _fixtures(options, rubric, console)
     unknown = [name for name in options.names if name not in {fixture.name for fixture in fixtures}]

@@ -41,13 +41,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Compare a class and write the findings; returns the exit status."""
+    options = make_parser().parse_args(arguments)
     from grader.classroom.regrade import recorded_in
     from grader.classroom.similarity import common_folders, compare, write_similarity
     from grader.cohort.entries import entries_in
     from grader.errors import SubmissionError
     from grader.judging.rubrics import rubric_of_class
 
-    options = make_parser().parse_args(arguments)
     folders = recorded_in(options.results)
     if len(folders) < 2:
         remedy = "Name the folder with a folder of results for each submission, e.g. results/."

@@ -12,10 +12,10 @@ from grader.errors import RecordingError, RubricError, UsageError
 from grader.judging.validated import validated
 from grader.lab import kept_lab
 from grader.lab.kept_lab import has_text, is_shipped, lab_folder, lab_id
-from grader.lab.overrides import OVERRIDES_FILE, Overrides, load_overrides
+from grader.lab.overrides import Overrides, load_overrides
 from grader.lab.references import Kinds
 from grader.lab.rubric import Rubric
-from grader.result_folder import RECORDINGS, RUBRIC_COPY
+from grader.result_folder import OVERRIDES_FILE, RECORDINGS, RUBRIC_COPY
 from grader.submission.separation import lies_within
 
 

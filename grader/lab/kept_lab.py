@@ -14,15 +14,15 @@ import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-
-import yaml
+from typing import TYPE_CHECKING
 
 import grader
-from grader import yaml_text
 from grader.errors import RecordingError
-from grader.lab.rubric import Rubric
 from grader.recording.submission import read_submission
 from ros_bag.interfaces import read_folder
+
+if TYPE_CHECKING:
+    from grader.lab.rubric import Rubric
 
 #: The rubric in a lab's folder.
 RUBRIC_FILE = "rubric.yaml"
@@ -53,6 +53,11 @@ def _text(rubric: Path) -> str:
 
 @functools.lru_cache(maxsize=16)
 def _id_in(text: str) -> str:
+    # Imported late, because few commands parse a rubric, and the import takes 8 ms.
+    import yaml
+
+    from grader import yaml_text
+
     with suppress(yaml.YAMLError, RecursionError, ValueError, TypeError, KeyError):
         found = yaml_text.load(text)["lab"]["id"]
         # The text of nested aliases could be endless.

@@ -18,17 +18,9 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.lab.policy import Moment, TimeSpan, parse_time
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import (
-    Loc,
-    Mistakes,
-    Strict,
-    meant,
-    mistakes_at,
-    parse_yaml,
-    read_text,
-)
+from grader.lab.similar_words import meant
+from grader.lab.yaml_with_lines import Loc, Mistakes, Strict, mistakes_at, parse_yaml, read_text
 
-OVERRIDES_FILE = "overrides.yaml"
 #: A name for all submissions.
 EVERYONE = "*"
 

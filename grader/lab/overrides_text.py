@@ -16,8 +16,9 @@ import yaml
 
 from grader.errors import RubricError
 from grader.files import replace_file
-from grader.lab.overrides import OVERRIDES_FILE, is_blank
+from grader.lab.overrides import is_blank
 from grader.lab.yaml_with_lines import parse_yaml
+from grader.result_folder import OVERRIDES_FILE
 
 _KEY = "overrides"
 _HEAD = "# Decisions of people; `grade regrade --help` shows what entries look like.\n"

@@ -11,7 +11,8 @@ from zoneinfo import ZoneInfo, available_timezones
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from grader.lab.yaml_with_lines import Strict, meant
+from grader.lab.similar_words import meant
+from grader.lab.yaml_with_lines import Strict
 
 _TENTH = Decimal("0.1")
 _DAY = timedelta(days=1)

@@ -34,7 +34,8 @@ from pydantic_core import CoreSchema
 from pydantic_core.core_schema import with_info_after_validator_function
 
 from grader.lab.patterns import compiled
-from grader.lab.yaml_with_lines import Fault, Loc, Strict, mistakes_at, suggestion
+from grader.lab.similar_words import suggestion
+from grader.lab.yaml_with_lines import Fault, Loc, Strict, mistakes_at
 from ros_bag.fields import (
     NoSuchField,
     also_defined,

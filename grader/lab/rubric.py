@@ -52,16 +52,9 @@ from grader.lab.references import (
     one_of,
     readable_interfaces,
 )
+from grader.lab.similar_words import suggestion
 from grader.lab.steps import STEPS, Step
-from grader.lab.yaml_with_lines import (
-    Fault,
-    Loc,
-    Strict,
-    mistakes_at,
-    parse_yaml,
-    read_text,
-    suggestion,
-)
+from grader.lab.yaml_with_lines import Fault, Loc, Strict, mistakes_at, parse_yaml, read_text
 from ros_bag.fields import also_defined
 from ros_bag.interfaces import InterfacePackage
 

@@ -7,10 +7,13 @@ import shutil
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from grader.extras import EXTRAS, missing_extra
 from grader.lab.kept_lab import RUBRIC_FILE, lab_folder, lab_id
-from grader.lab.rubric import Rubric
+
+if TYPE_CHECKING:
+    from grader.lab.rubric import Rubric
 
 #: Schema of rubrics for editors, in the folder of the default lab.
 SCHEMA_FILE = "rubric.schema.json"

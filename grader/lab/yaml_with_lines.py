@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,6 +18,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from grader.errors import RubricError
+from grader.lab.similar_words import suggestion
 from grader.yaml_text import SAFE, require_few, require_flat
 
 if TYPE_CHECKING:
@@ -77,21 +77,6 @@ _PLAINER = {
     "dict_type": "a mapping is expected",
     "tuple_type": "a list is expected",
 }
-
-
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """Return a suggestion for an unknown word, as the end of a sentence: a similar known word, or all known words."""
-    names = sorted(set(known))
-    near = meant(word, names)
-    if near or not names:
-        return near
-    return f"; known are {', '.join(names)}"
-
-
-def meant(word: str, known: Sequence[str]) -> str:
-    """Return the known word that a word is likely to mean, as the end of a sentence; empty if there is none."""
-    near = difflib.get_close_matches(word, known, n=1)
-    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def mistakes_at(found: Iterable[Fault]) -> ValidationError:

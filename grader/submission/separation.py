@@ -11,13 +11,15 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from grader.errors import UsageError
-from grader.lab.overrides import OVERRIDES_FILE
 from grader.recording.submission import SUBMISSION_FILE, Identity, SubmissionRecord, read_submission
-from grader.result_folder import RECORDINGS
+from grader.result_folder import OVERRIDES_FILE, RECORDINGS
 from grader.submission.beneath import is_regular_beneath
-from grader.submission.extraction import SubmissionSource
+
+if TYPE_CHECKING:
+    from grader.submission.extraction import SubmissionSource
 
 
 def lies_within(folder: Path, sources: Iterable[str]) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from grader.commands import COMMANDS
 from grader.judging.rubrics import read_rubric
 from tests.regraded import judge_results
 
@@ -25,6 +26,10 @@ NOT_FOR_SESSIONS = {
     "grader.lab.rubric", "grader.result", "grader.evidence.recorded", "grader.submission.artifacts", "grader.checks",
     "rclpy",
 }  # fmt: skip
+#: Modules for rubrics and results.
+NOT_FOR_HELP = {"pydantic", "yaml", "numpy", "grader.result", "grader.lab.rubric"}
+#: Commands with results, or with the names of all checks, in their help.
+KNOWING_MORE = {"export", "checks", "steps", "figures"}
 #: Forms for other systems; few gradings write one.
 FORMS = {f"grader.report.exports.{name}" for name in ("junit", "gradebooks", "feedback", "mail")}
 
@@ -60,6 +65,12 @@ def test_regrading_loads_only_modules_that_it_needs(results: Path) -> None:
 def test_a_session_loads_nothing_of_judging() -> None:
     """One constant from a module of the judging half would load all imports of the module."""
     assert not loaded("-c", "import grader.live.session.session") & NOT_FOR_SESSIONS
+
+
+@pytest.mark.parametrize("command", ["", *sorted(set(COMMANDS) - KNOWING_MORE)])
+def test_help_loads_nothing_of_rubrics_and_results(command: str) -> None:
+    """Models of pydantic would take most of the time."""
+    assert not loaded_by(*command.split(), "--help") & NOT_FOR_HELP
 
 
 def test_grading_loads_forms_when_it_writes_them() -> None:

@@ -14,11 +14,10 @@ from grader import result_folder
 from grader.errors import UsageError
 from grader.judging.rubrics import read_overrides, read_rubric
 from grader.lab.kept_lab import KEPT
-from grader.lab.overrides import OVERRIDES_FILE
 from grader.lab.rubric import Rubric
 from grader.recording.submission import Person, SubmissionRecord, write_submission
 from grader.report.exports import EXPORTS
-from grader.result_folder import RECORDINGS
+from grader.result_folder import OVERRIDES_FILE, RECORDINGS
 from grader.submission.discovery import Discovery, Shape, find_submissions
 from grader.submission.extraction import SubmissionSource
 from grader.submission.separation import (

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from grader.errors import GraderError
 from grader.report.exports.variables import CLASSROOM50
-from grader.result import Result
 from grader.result_folder import EXPORTED
 
 if TYPE_CHECKING:
     from grader.report.exports.graded import Graded
     from grader.report.exports.returned import Returned, ReturnedClass
+    from grader.result import Result
 
 
 @dataclass(frozen=True)

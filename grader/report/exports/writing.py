@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from grader.errors import UsageError
 from grader.files import replace_file
-from grader.lab.yaml_with_lines import meant
+from grader.lab.similar_words import meant
 from grader.report.exports import CLASS_EXPORTS, EXPORTS, Forms, render_export
-from grader.result import Result
 
 if TYPE_CHECKING:
     from grader.report.exports.returned import Returned
+    from grader.result import Result
 
 #: Stands for the standard output.
 STANDARD_OUTPUT = "-"
