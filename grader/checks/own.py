@@ -108,8 +108,7 @@ def built(function: Callable[..., Any], p: BaseModel) -> list[Any]:
     wanted = list(inspect.signature(function).parameters.values())[1:]
     try:
         return [
-            _adapter(_class_of(each.annotation, function)).validate_python(given)
-            for each in wanted
+            _adapter(_class_of(each.annotation, function)).validate_python(given) for each in wanted
         ]
     except ValidationError as error:
         raise ValueError("; ".join(map(_mistake, error.errors()))) from error

@@ -19,7 +19,6 @@ from grader.evidence.oracle import compiled
 from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
-from grader.judging.lab_functions import execute_files
 from grader.judging.languages import language_of_people, languages_of
 from grader.judging.past_scores import with_past
 from grader.judging.warming import build_readers, keep_freed_memory
@@ -192,13 +191,11 @@ def load(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
 def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     """Load everything for judgements by a rubric, and judge an empty submission for the parts that only this loads.
 
-    The files of the lab that judgements call are executed, see `execute_files`. The empty judgement takes 0.1 s, and is
-    of use from the second judgement on. For `naming_types` see `load`.
+    The empty judgement takes 0.1 s, and is of use from the second judgement on. For `naming_types` see `load`.
     """
     if rubric.sha256 in _prepared:
         return
     load(rubric, naming_types)
-    execute_files(rubric)
     keep_freed_memory()
     empty = Recordings(_empty_submission(rubric), {})
     result = judge(empty, rubric)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from grader.evidence.oracle import compiled, load_file
-from grader.judging.judgement import load, prepare
+from grader.judging.judgement import prepare
 from grader.judging.rubrics import read_rubric
 from tests.counted import calls_of
 
@@ -22,9 +22,9 @@ def test_a_process_is_prepared_once_for_a_rubric() -> None:
 
 
 def test_a_lab_is_compiled_before_its_functions_are_needed() -> None:
-    """A process that loads everything for one judgement, and executes no file of the lab, has compiled all of them."""
+    """A worker of a class compiles no file of the lab; no file is executed in the process that it is a fork of."""
     rubric = read_rubric(None)
-    load(rubric)
+    prepare(rubric)
     before = compiled.cache_info().misses
     for function in {*rubric.functions_of_figures, *(spec.check for spec in rubric.checks())}:
         file = function.partition(":")[0]
