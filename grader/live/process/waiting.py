@@ -35,6 +35,7 @@ async def looked_for(look: Callable[[], bool], period_s: float) -> None:
     """
     loop = asyncio.get_running_loop()
     found: asyncio.Future[None] = loop.create_future()
+    timer: asyncio.TimerHandle
 
     def call() -> None:
         nonlocal timer
