@@ -25,9 +25,9 @@ from grader.evidence.recorded import NumericStream, Recorded, clock_step_s
 from grader.evidence.text.printed import (
     PrintedVector,
     Report,
-    printed_vector,
     reports,
     reports_of,
+    vector_printed_by,
 )
 from grader.evidence.text.result_rows import ResultRow, result_rows
 from grader.lab.steps import STEPS
@@ -164,8 +164,7 @@ class Run:
         unless
             Pattern in front of the numbers that tells that they are of something else.
         """
-        run = self._recorded
-        return printed_vector(run.output, labels, run.interrupted_ns, unless)
+        return vector_printed_by(self._recorded, labels, unless)
 
 
 @dataclass(frozen=True)

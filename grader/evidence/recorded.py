@@ -482,6 +482,7 @@ class Recorded:
         columns: Integers = np.array(_noted(run), dtype=np.int64).reshape(-1, 4).T
         return columns
 
+    @functools.cache  # noqa: B019 - see `stream`
     def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
         """Return the time that the machine may have delayed a process within a span, in s.
 
@@ -503,6 +504,7 @@ class Recorded:
         most_s = self._others_around_s(run, span)
         return stalled_s + max(0.0, min(waited_s, most_s))
 
+    @functools.cache  # noqa: B019 - see `stream`
     def backlog(self, run: ProcessRun, span: Span, room_s: float = math.inf) -> Backlog:
         """Return the largest possible backlog of a process within a span.
 
@@ -605,6 +607,7 @@ class Recorded:
                 own_s += self.cpu_s(other, span)
         return own_s
 
+    @functools.cache  # noqa: B019 - see `stream`
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
         return _grown_s(self._cpu(run), span)

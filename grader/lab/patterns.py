@@ -76,6 +76,14 @@ def without(pattern: str, text: str) -> tuple[str, int]:
     return _within_budget(partial(compiled(pattern).subn, " "), text) or (text, 0)
 
 
+def has_time_left() -> bool:
+    """Tell whether all searches within the present budget came to their ends; False without a budget."""
+    budget = _CURRENT.get()
+    if budget is None or budget.exceeded:
+        return False
+    return budget.left_s > 0
+
+
 def _within_budget(look: Callable[..., T], text: str) -> T | None:
     budget = _CURRENT.get() or Budget()
     if budget.left_s <= 0:

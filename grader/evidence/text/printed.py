@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from grader.evidence.recorded import Recorded
 from grader.evidence.text.output import is_whole, read_output
-from grader.lab.patterns import search
+from grader.lab.patterns import has_time_left, search
 from grader.recording.session import OutputLine, ProcessRun
 
 #: A decimal number. A match neither starts after a digit nor can end in two ways; a search therefore looks at each
@@ -56,6 +56,9 @@ _MOST_ELEMENTS = 64
 _COARSEST = 0.005
 #: A time after every output, in ns.
 _NEVER_NS = 2**63
+#: Outputs of processes with patterns that are remembered.
+_MOST_FOUND = 256
+_found: dict[tuple[ProcessRun, str], tuple[Report, ...]] = {}
 
 
 @functools.lru_cache(maxsize=4096)
@@ -108,20 +111,33 @@ def reports_of(process: ProcessRun, patterns: Sequence[str]) -> list[Report]:
     for pattern in patterns:
         found = _of_process(process, pattern)
         if found:
-            return found
+            return list(found)
     return []
 
 
-def _of_process(process: ProcessRun, pattern: str) -> list[Report]:
-    found = []
+def _of_process(process: ProcessRun, pattern: str) -> tuple[Report, ...]:
+    """Return the numbers that a pattern finds in the output of a process; several checks seek the same ones."""
+    known = _found.get((process, pattern))
+    if known is not None:
+        return known
+    found = tuple(_sought(process, pattern))
+    # A check with more time left may find more.
+    if has_time_left():
+        if len(_found) >= _MOST_FOUND:
+            _found.clear()
+        _found[process, pattern] = found
+    return found
+
+
+def _sought(process: ProcessRun, pattern: str) -> Iterator[Report]:
+    """Yield the numbers that a pattern finds in the output of a process."""
     until_ns = process.interrupted_ns or process.exited_ns or _NEVER_NS
     for line in _read(process):
         if line.t_ns >= until_ns:
             continue
         report = _report(pattern, line.t_ns, line.text)
         if report is not None:
-            found.append(report)
-    return found
+            yield report
 
 
 # Several checks seek other numbers in the same output.
@@ -191,10 +207,32 @@ def printed_vector(
     unless
         Regular expression of text, from the start of the line to the numbers, that tells of another quantity.
     """
-    lines = []
-    for line in read_output(output):
-        text = with_short_runs(line.text)
-        lines.append(OutputLine(line.t_ns, line.stream, text))
+    return _vector_in(_with_short_lines(read_output(output)), labels, after_ns, unless)
+
+
+def vector_printed_by(
+    process: ProcessRun, labels: Sequence[str], unless: str | None = None
+) -> PrintedVector | None:
+    """Return the last vector that a process printed after a label, as `printed_vector` does.
+
+    Other forms count after its interruption.
+    """
+    return _vector_in(_short_lines_of(process), labels, process.interrupted_ns, unless)
+
+
+@functools.lru_cache(maxsize=64)
+def _short_lines_of(process: ProcessRun) -> list[OutputLine]:
+    return _with_short_lines(_read(process))
+
+
+def _with_short_lines(lines: Sequence[OutputLine]) -> list[OutputLine]:
+    return [OutputLine(line.t_ns, line.stream, with_short_runs(line.text)) for line in lines]
+
+
+def _vector_in(
+    lines: Sequence[OutputLine], labels: Sequence[str], after_ns: int | None, unless: str | None
+) -> PrintedVector | None:
+    """Return the last vector after a label in an output as `read_output` returns it, see `printed_vector`."""
     there = "\n".join(line.text for line in lines).lower()
     for label in labels:
         if label.lower() not in there:

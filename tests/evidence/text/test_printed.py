@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.text.printed import printed_vector, reports
-from grader.recording.session import OutputLine
+from grader.evidence.text.printed import printed_vector, reports, reports_of
+from grader.lab.patterns import patterns_bounded
+from grader.recording.session import OutputLine, ProcessRun
 from tests.counted import calls_of
 from tests.synthetic import Session, at
 
@@ -231,3 +232,29 @@ def test_the_last_of_many_vectors_counts() -> None:
     """A program that prints its statistics again and again is judged by the last ones."""
     output = [OutputLine(n, "stdout", f"Mean: [{n}.0 1.0]") for n in range(5000)]
     assert vector_of(output, "Mean") == [4999.0, 1.0]
+
+
+def _run(lines: int) -> ProcessRun:
+    """Return a process that printed numbers in some lines."""
+    output = [OutputLine(number, "stdout", f"RMS: {number}.5") for number in range(lines)]
+    return ProcessRun("it", "student", ["it"], output=output)
+
+
+def test_numbers_of_a_process_are_sought_once() -> None:
+    """Several checks seek the same numbers in the output of a process."""
+    run = _run(500)
+    with patterns_bounded():
+        first = reports_of(run, [r"RMS: (\d+\.\d)"])
+        assert len(first) == 500
+        assert calls_of(lambda: reports_of(run, [r"RMS: (\d+\.\d)"])) < 100
+        assert reports_of(run, [r"RMS: (\d+\.\d)"]) == first
+
+
+def test_numbers_are_sought_again_with_more_time() -> None:
+    """A search that was given up decides nothing for the next check, which has time of its own."""
+    run = _run(3)
+    with patterns_bounded() as budget:
+        budget.left_s = 0.0
+        assert reports_of(run, [r"RMS: (\d+\.\d)"]) == []
+    with patterns_bounded():
+        assert len(reports_of(run, [r"RMS: (\d+\.\d)"])) == 3
