@@ -251,6 +251,9 @@ class Recorded:
         instead.
         """
         stream = self.stream(name)
+        numbers = stream.numbers(field)
+        if numbers is not None:
+            return tuple(numbers)
         own = str(field_steps(field)[0])
         for message in stream.messages:
             if hasattr(message, own):
