@@ -107,35 +107,79 @@ class Stream:
         None if the messages are not alike: if any differs from the first one in more than these numbers. Numbers decide
         nothing about the other contents of a message, so that all others are decoded as the first one.
         """
-        decoder = self._decoder
-        if decoder is None or len(set(map(len, self.data))) != 1:
+        if self.definition is None or len(set(map(len, self.data))) != 1:
             return None
-        first = memoryview(self.data[0])
-        try:
-            values = _pick(decoder(first, self.topic_type), field_steps(path))
-        except Exception:
+        steps = field_steps(path)
+        found = self._placed(0, steps)
+        if found is None:
             return None
-        start = _place_in(first, values)
-        if start is None:
-            return None
-        end = start + values.nbytes
+        start, end = found
         rows = np.frombuffer(b"".join(self.data), np.uint8).reshape(len(self.data), -1)
-        for others in (rows[:, :start], rows[:, end:]):
+        before = start
+        differs = (rows[:, before - _PADDING : before] != rows[0, before - _PADDING : before]).any(
+            axis=1
+        )
+        if differs.any() and self._is_padded(found, int(differs.argmax()), steps):
+            before -= _PADDING
+        for others in (rows[:, :before], rows[:, end:]):
             if (others != others[0]).any():
                 return None
         return rows[:, start:end].copy().view(np.float64)
 
+    def _placed(self, number: int, steps: Sequence[str | int]) -> tuple[int, int] | None:
+        """Return where the numbers in a field of a message begin and end in its bytes; None if that is not known."""
+        decoder = self._decoder
+        if decoder is None:
+            return None
+        message = memoryview(self.data[number])
+        try:
+            values = _pick(decoder(message, self.topic_type), steps)
+        except Exception:
+            return None
+        return _place_in(message, values)
 
-def _place_in(message: memoryview, values: Any) -> int | None:
-    """Return the place of an array's bytes in the bytes of its message; None if it is no view of some of them."""
+    def _is_padded(self, place: tuple[int, int], other: int, steps: Sequence[str | int]) -> bool:
+        """Tell whether the last bytes before the numbers mean nothing; writers leave any contents there.
+
+        The length of a sequence stands before its numbers, or before such bytes. Two messages with equal lengths, and
+        different bytes directly before the numbers, cannot have the lengths there.
+        """
+        start, end = place
+        stated = self.data[0][start - 2 * _PADDING : start - _PADDING]
+        has_length = int.from_bytes(stated, "little") == (end - start) // 8
+        return has_length and self._is_sequence(steps) and self._placed(other, steps) == place
+
+    def _is_sequence(self, steps: Sequence[str | int]) -> bool:
+        """Tell whether a path leads to a sequence by the names of fields alone."""
+        assert self.definition is not None
+        types = _types_of(self.topic_type, self.definition)
+        kind: tuple[int, Any] = (_NAMED, self.topic_type)
+        for step in steps:
+            if kind[0] != _NAMED:
+                return False
+            fields: dict[Any, tuple[int, Any]] = dict(types[kind[1]][1])
+            if step not in fields:
+                return False
+            kind = fields[step]
+        return kind[0] == _SEQUENCE
+
+
+#: Bytes that align numbers of 64 bits behind the length of a sequence, if any do.
+_PADDING = 4
+#: Kinds of fields, as `rosbags` numbers them: a message, and a sequence.
+_NAMED, _SEQUENCE = 2, 4
+
+
+def _place_in(message: memoryview, values: Any) -> tuple[int, int] | None:
+    """Return where an array begins and ends in the bytes of its message; None if it is no view of some of them."""
     if not isinstance(values, np.ndarray) or values.dtype != np.float64 or values.ndim != 1:
         return None
-    if not values.size:
+    start = values.ctypes.data - np.frombuffer(message, np.uint8).ctypes.data
+    end = start + values.nbytes
+    # Before the array stand its header, of four bytes, and its length.
+    if not values.size or start < 2 * _PADDING or message[start:end] != values.tobytes():
         return None
-    start: int = values.ctypes.data - np.frombuffer(message, np.uint8).ctypes.data
-    if message[start : start + values.nbytes] != values.tobytes() or start < 0:
-        return None
-    return start
+    return start, end
 
 
 def _pick(value: Any, steps: Sequence[str | int]) -> Any:

@@ -60,6 +60,26 @@ def test_numbers_of_messages_that_are_alike(count: int) -> None:
     found[0, 0] = 1.0
 
 
+def test_bytes_that_align_the_numbers_mean_nothing() -> None:
+    """Writers leave any bytes between the length of a sequence and its numbers, which decoders pass over."""
+    messages = []
+    for number in range(20):
+        message = bytearray(_floats(number, 2.0, 3.0))
+        message[16:20] = _RANDOM.bytes(4)
+        messages.append(bytes(message))
+    messages[5] = messages[5][:16] + (3).to_bytes(4, "little") + messages[5][20:]
+    assert _same(_stream(_FLOATS, *messages), "data")
+
+
+def test_a_length_directly_before_the_numbers_counts() -> None:
+    """Messages whose length stands where others have bytes without a meaning are not alike."""
+    one = _floats(1.0, 2.0, 3.0)
+    other = one[:16] + (2).to_bytes(4, "little") + one[20:]
+    assert _same(_stream(_FLOATS, one, other), "data")
+    shorter = one[:12] + (2).to_bytes(4, "little") + one[16:]
+    assert _stream(_FLOATS, one, shorter).numbers("data") is None
+
+
 def test_numbers_behind_texts_and_times() -> None:
     """The place of the numbers follows from the first message, whatever is in front of them."""
     messages = [_state(3, *row) for row in _RANDOM.normal(size=(20, 3))]
