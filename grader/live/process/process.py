@@ -292,7 +292,12 @@ class RunningProcess:
 
     def put_standing(self, nice: int = STANDING) -> None:
         """Let it go before processes that are still starting, because its timing counts from now on."""
-        stands = (nice, self._find())
+        self._find()
+        self.stay_standing(nice)
+
+    def stay_standing(self, nice: int) -> None:
+        """Do as `put_standing` for its processes and threads at the last sample."""
+        stands = (nice, self._usage.searches)
         if stands == self._stands:
             return
         self._stands = stands
@@ -300,12 +305,11 @@ class RunningProcess:
         if self.run.role != "student":
             put_in_real_time(self.pids)
 
-    def _find(self) -> int:
-        """Find its present processes and threads, and return a number that changes with them."""
+    def _find(self) -> None:
+        """Find its present processes and threads."""
         root = self.root_pid()
         if root is not None:
             self._usage.find(root)
-        return self._usage.searches
 
     @property
     def pids(self) -> list[int]:

@@ -214,7 +214,7 @@ class Programs:
             process.sample_usage()
             if process.run.core is not None and is_measured:
                 is_modest = process.lately_used() < _MODEST
-                process.put_standing(MEASURED if is_modest else STANDING)
+                process.stay_standing(MEASURED if is_modest else STANDING)
         self.watch.follow(processes)
 
     def _measures(self) -> bool:

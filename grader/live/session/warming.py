@@ -14,9 +14,19 @@ from pathlib import Path
 
 from confine.interpreters import OWN_INTERPRETER, interpreter_roots
 from grader.lab.steps import STEPS
+from grader.lab.steps.call import CallRecord
+from grader.lab.steps.get_parameters import ParameterValue
 from grader.recording.record import prepare
-from grader.recording.session import Endpoint, GraphSnapshot, ServiceEndpoint, Trusted
+from grader.recording.session import (
+    Endpoint,
+    GraphSnapshot,
+    Published,
+    RecordingGap,
+    ServiceEndpoint,
+    Trusted,
+)
 from launch_plan.plan import prepare_reader
+from ros_bag.qos import Qos
 
 #: Ends of the names of modules with interfaces.
 _INTERFACES = (".msg", ".srv", ".action")
@@ -33,7 +43,8 @@ def build_models() -> None:
     for model in STEPS.values():
         model.model_rebuild()
         prepare([model.result])
-    prepare([GraphSnapshot, Endpoint, ServiceEndpoint, Trusted])
+    prepare([GraphSnapshot, Endpoint, ServiceEndpoint, Qos, Trusted, Published, RecordingGap])
+    prepare([CallRecord, ParameterValue])
     prepare_reader()
 
 
