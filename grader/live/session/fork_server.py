@@ -143,13 +143,17 @@ def _load_ros(likely: Sequence[str]) -> None:
     """Import the modules and types of directors and reference nodes, and start nothing."""
     importlib.import_module("grader.live.ros_node.director")
     importlib.import_module("rclpy").get_rmw_implementation_identifier()
-    for name in (*_STANDARD_TYPES, *_types_in(likely)):
+    types = [*_STANDARD_TYPES, *_types_in(likely)]
+    for name in types:
         with suppress(Exception):  # Missing types are reported by the step that needs them.
             interface = importlib.import_module("grader.live.ros_node.graph").interface_named(name)
             importlib.import_module("rclpy.type_support").check_for_type_support(interface)
             recorded = f"{name}_Event" if "/srv/" in name else name
             definition_of(recorded)
             type_hash_of(recorded)
+    libraries = importlib.import_module("grader.live.ros_node.libraries")
+    libraries.load_type_support(types)
+    libraries.build_table_of_types()
     # Students' processes read these, and may write nothing beside them.
     for folder in (INSIDE_FOLDER, LAUNCHING_FOLDER):
         compileall.compile_dir(folder, quiet=2)
