@@ -153,7 +153,6 @@ def _load_ros(likely: Sequence[str]) -> None:
             type_hash_of(recorded)
     libraries = importlib.import_module("grader.live.ros_node.libraries")
     libraries.load_type_support(types)
-    libraries.build_table_of_types()
     # Students' processes read these, and may write nothing beside them.
     for folder in (INSIDE_FOLDER, LAUNCHING_FOLDER):
         compileall.compile_dir(folder, quiet=2)
