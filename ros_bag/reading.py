@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Int64s: TypeAlias = npt.NDArray[np.int64]
 #: Decodes the CDR of a message of a type.
-_Decoder: TypeAlias = Callable[[bytes, str], object]
+_Decoder: TypeAlias = Callable[[bytes | memoryview, str], object]
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,7 +100,7 @@ def _reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
 
 
 def _printed(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
-    found = []
+    found: list[Report] = []
     for process in recorded.processes_of(artifact):
         found += _of_process(process, pattern)
     return found

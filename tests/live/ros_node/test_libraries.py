@@ -20,7 +20,6 @@ from grader.live.ros_node import libraries
 rclpy.get_rmw_implementation_identifier()
 threads = len(os.listdir("/proc/self/task"))
 libraries.load_type_support(["std_srvs/srv/SetBool", "nowhere/msg/Thing"])
-libraries.build_table_of_types()
 print(json.dumps([open("/proc/self/maps").read(), len(os.listdir("/proc/self/task")) - threads]))
 """
 
