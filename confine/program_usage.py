@@ -144,7 +144,7 @@ class ProgramUsage:
 
 
 class _ThreadCounters:
-    """The counters of threads, some of which stay open, because opening takes longer than reading."""
+    """The counters of threads. Some files stay open, because opening takes longer than reading."""
 
     #: Number of open files of all programs.
     _kept_together = 0

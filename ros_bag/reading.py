@@ -107,23 +107,23 @@ class Stream:
         None if the messages are not alike: if any differs from the first one in more than these numbers. Numbers decide
         nothing about the other contents of a message, so that all others are decoded as the first one.
         """
-        if self.definition is None or len(set(map(len, self.data))) != 1:
+        if self.definition is None:
+            return None
+        if len(set(map(len, self.data))) != 1:
             return None
         steps = field_steps(path)
-        found = self._placed(0, steps)
-        if found is None:
+        place = self._placed(0, steps)
+        if place is None:
             return None
-        start, end = found
+        start, end = place
         rows = np.frombuffer(b"".join(self.data), np.uint8).reshape(len(self.data), -1)
         before = start
-        differs = (rows[:, before - _PADDING : before] != rows[0, before - _PADDING : before]).any(
-            axis=1
-        )
-        if differs.any() and self._is_padded(found, int(differs.argmax()), steps):
+        if self._is_padded(rows, place, steps):
             before -= _PADDING
-        for others in (rows[:, :before], rows[:, end:]):
-            if (others != others[0]).any():
-                return None
+        if _differ(rows[:, :before]):
+            return None
+        if _differ(rows[:, end:]):
+            return None
         return rows[:, start:end].copy().view(np.float64)
 
     def _placed(self, number: int, steps: Sequence[str | int]) -> tuple[int, int] | None:
@@ -138,16 +138,25 @@ class Stream:
             return None
         return _place_in(message, values)
 
-    def _is_padded(self, place: tuple[int, int], other: int, steps: Sequence[str | int]) -> bool:
-        """Tell whether the last bytes before the numbers mean nothing; writers leave any contents there.
+    def _is_padded(
+        self, rows: npt.NDArray[np.uint8], place: tuple[int, int], steps: Sequence[str | int]
+    ) -> bool:
+        """Tell whether messages differ in the last bytes before the numbers, and these mean nothing.
 
-        The length of a sequence stands before its numbers, or before such bytes. Two messages with equal lengths, and
-        different bytes directly before the numbers, cannot have the lengths there.
+        Writers leave any contents in the bytes that align the numbers behind the length of their sequence. Two messages
+        with equal lengths, and different bytes directly before the numbers, cannot have the lengths there.
         """
         start, end = place
+        padding = rows[:, start - _PADDING : start]
+        differing = (padding != padding[0]).any(axis=1)
+        if not differing.any():
+            return False
         stated = self.data[0][start - 2 * _PADDING : start - _PADDING]
-        has_length = int.from_bytes(stated, "little") == (end - start) // 8
-        return has_length and self._is_sequence(steps) and self._placed(other, steps) == place
+        if int.from_bytes(stated, "little") != (end - start) // 8:
+            return False
+        if not self._is_sequence(steps):
+            return False
+        return self._placed(int(differing.argmax()), steps) == place
 
     def _is_sequence(self, steps: Sequence[str | int]) -> bool:
         """Tell whether a path leads to a sequence by the names of fields alone."""
@@ -170,14 +179,25 @@ _PADDING = 4
 _NAMED, _SEQUENCE = 2, 4
 
 
+def _differ(rows: npt.NDArray[np.uint8]) -> bool:
+    """Tell whether any row differs from the first one."""
+    return bool((rows != rows[0]).any())
+
+
 def _place_in(message: memoryview, values: Any) -> tuple[int, int] | None:
     """Return where an array begins and ends in the bytes of its message; None if it is no view of some of them."""
-    if not isinstance(values, np.ndarray) or values.dtype != np.float64 or values.ndim != 1:
+    if not isinstance(values, np.ndarray):
+        return None
+    if (values.dtype, values.ndim) != (np.float64, 1):
+        return None
+    if not values.size:
         return None
     start = values.ctypes.data - np.frombuffer(message, np.uint8).ctypes.data
     end = start + values.nbytes
     # Before the array stand its header, of four bytes, and its length.
-    if not values.size or start < 2 * _PADDING or message[start:end] != values.tobytes():
+    if start < 2 * _PADDING:
+        return None
+    if message[start:end] != values.tobytes():
         return None
     return start, end
 

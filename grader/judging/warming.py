@@ -1,4 +1,4 @@
-"""Builds what every judgement of a process or of its forks would build otherwise, before the first one."""
+"""Builds the common parts of all judgements before the first one, in the process or before its forks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from launch_plan.plan import prepare_reader
 
 
 def build_readers() -> None:
-    """Build the readers of recordings and of launch plans, and read the table of causes and that of former checks.
+    """Build the readers of recordings and of launch plans, and read the tables of causes and of former checks.
 
     The first judgement takes a thirtieth of its time for that.
     """

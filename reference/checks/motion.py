@@ -229,7 +229,7 @@ def _best_on(grid: Floats, times_s: Floats, values: Floats) -> tuple[Sinusoid, i
     return best, place
 
 
-#: Frequencies whose sums are computed together, so that their samples stay in a processor's cache.
+#: Number of frequencies with sums computed together; their samples then stay in a processor's cache.
 _AT_ONCE = 15
 #: Greatest error of a squared residual in `_possible_best`, as parts of the squares of the values and of the fit. For
 #: series of 0.5 s to 30 s, the error was at most a thousandth of that.

@@ -43,7 +43,7 @@ def _state(sec: int, *values: float) -> bytes:
 
 
 def _same(stream: Stream, path: str) -> bool:
-    """Tell whether the numbers of a stream are those of its decoded messages."""
+    """Tell whether a stream has the numbers of its decoded messages."""
     found = stream.numbers(path)
     assert found is not None
     return np.array_equal(found, np.array(stream.field(path)), equal_nan=True)
@@ -72,7 +72,7 @@ def test_bytes_that_align_the_numbers_mean_nothing() -> None:
 
 
 def test_a_length_directly_before_the_numbers_counts() -> None:
-    """Messages whose length stands where others have bytes without a meaning are not alike."""
+    """Messages are not alike if one has its length in the place of meaningless bytes of another."""
     one = _floats(1.0, 2.0, 3.0)
     other = one[:16] + (2).to_bytes(4, "little") + one[20:]
     assert _same(_stream(_FLOATS, one, other), "data")
