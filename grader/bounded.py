@@ -189,8 +189,10 @@ class _Child:
         _, ended = os.waitpid(self.process, 0)
         status = os.waitstatus_to_exitcode(ended)
         sent = b"".join(self.received)
-        # Code of a lab can end its process at once, with status 0 and without an outcome.
-        if status == 0 and sent:
+        # Code of a lab can end its process at once, with status 0.
+        if not sent:
+            return _exceeded(self.bound, self._failure(status))
+        if status == 0:
             outcome = pickle.loads(sent)  # from a copy of this process
             if isinstance(outcome, _Raised):
                 return outcome.here()

@@ -10,8 +10,10 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     """Return a suggestion for an unknown word, as the end of a sentence: a similar known word, or all known words."""
     names = sorted(set(known))
     near = meant(word, names)
-    if near or not names:
+    if near:
         return near
+    if not names:
+        return ""
     return f"; known are {', '.join(names)}"
 
 

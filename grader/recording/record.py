@@ -60,16 +60,13 @@ def from_plain(kind: type[T], plain: Any) -> T:
 
 def prepare(kinds: Iterable[type[Any]]) -> None:
     """Find the readers of some dataclasses, and of those within them, so that forks of this process have them."""
-    waiting = list(kinds)
-    seen: set[type[Any]] = set()
-    while waiting:
-        kind = waiting.pop()
-        if kind in seen:
-            continue
-        seen.add(kind)
+    found = list(kinds)
+    for kind in found:  # It grows meanwhile.
         _readers(cast(Any, kind))
         for hint in typing.get_type_hints(kind).values():
-            waiting += _dataclasses_in(hint)
+            for inner in _dataclasses_in(hint):
+                if inner not in found:
+                    found.append(inner)
 
 
 def _dataclasses_in(hint: Any) -> Iterator[type[Any]]:

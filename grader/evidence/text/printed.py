@@ -226,7 +226,11 @@ def _short_lines_of(process: ProcessRun) -> list[OutputLine]:
 
 
 def _with_short_lines(lines: Sequence[OutputLine]) -> list[OutputLine]:
-    return [OutputLine(line.t_ns, line.stream, with_short_runs(line.text)) for line in lines]
+    found = []
+    for line in lines:
+        text = with_short_runs(line.text)
+        found.append(OutputLine(line.t_ns, line.stream, text))
+    return found
 
 
 def _vector_in(
