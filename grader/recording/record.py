@@ -61,9 +61,10 @@ def from_plain(kind: type[T], plain: Any) -> T:
 def prepare(kinds: Iterable[type[Any]]) -> None:
     """Find the readers of some dataclasses, and of those within them, so that forks of this process have them."""
     found = list(kinds)
-    for kind in found:  # It grows meanwhile.
+    for kind in found:  # The list grows meanwhile.
         _readers(cast(Any, kind))
-        for hint in typing.get_type_hints(kind).values():
+        hints = typing.get_type_hints(kind)
+        for hint in hints.values():
             for inner in _dataclasses_in(hint):
                 if inner not in found:
                     found.append(inner)
@@ -72,7 +73,8 @@ def prepare(kinds: Iterable[type[Any]]) -> None:
 def _dataclasses_in(hint: Any) -> Iterator[type[Any]]:
     """Yield the dataclasses in a type such as `dict[str, list[Kind] | None]`."""
     if dataclasses.is_dataclass(hint):
-        yield cast(Any, hint)
+        kind: Any = hint
+        yield kind
     for argument in typing.get_args(hint):
         yield from _dataclasses_in(argument)
 

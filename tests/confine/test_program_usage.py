@@ -150,19 +150,24 @@ sys.stdin.readline()
 """
 
 
+def _start_crowd() -> subprocess.Popen[bytes]:
+    program = subprocess.Popen(
+        [sys.executable, "-c", CROWD], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert _next_line(program) == b"crowd\n"
+    return program
+
+
+def _next_line(program: subprocess.Popen[bytes]) -> bytes:
+    assert program.stdout is not None
+    return program.stdout.readline()
+
+
 def test_few_files_of_threads_stay_open() -> None:
     """Two programs with many threads are read as a whole, with few open files, and with none after the end."""
     open_before = len(open_descriptors(0))
-    programs = []
-    usages = []
-    for _ in range(2):
-        program = subprocess.Popen(
-            [sys.executable, "-c", CROWD], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
-        programs.append(program)
-        usages.append(ProgramUsage())
-        assert program.stdout is not None
-        assert program.stdout.readline() == b"crowd\n"
+    programs = [_start_crowd(), _start_crowd()]
+    usages = [ProgramUsage(), ProgramUsage()]
     pipes = 4
     for program, usage in zip(programs, usages, strict=True):
         usage.look(program.pid)
@@ -170,10 +175,9 @@ def test_few_files_of_threads_stay_open() -> None:
     assert len(open_descriptors(0)) < open_before + pipes + 2 * 30
     for program, usage in zip(programs, usages, strict=True):
         assert program.stdin is not None
-        assert program.stdout is not None
         program.stdin.write(b"\n")
         program.stdin.flush()
-        assert program.stdout.readline() == b"half\n"
+        assert _next_line(program) == b"half\n"
         usage.look(program.pid)
         assert len(usage.tasks[program.pid]) == 31
         assert len(usage.times) == 61

@@ -207,7 +207,9 @@ def printed_vector(
     unless
         Regular expression of text, from the start of the line to the numbers, that tells of another quantity.
     """
-    return _vector_in(_with_short_lines(read_output(output)), labels, after_ns, unless)
+    lines = read_output(output)
+    short = _with_short_lines(lines)
+    return _vector_in(short, labels, after_ns, unless)
 
 
 def vector_printed_by(
@@ -217,7 +219,8 @@ def vector_printed_by(
 
     Other forms count after its interruption.
     """
-    return _vector_in(_short_lines_of(process), labels, process.interrupted_ns, unless)
+    lines = _short_lines_of(process)
+    return _vector_in(lines, labels, process.interrupted_ns, unless)
 
 
 @functools.lru_cache(maxsize=64)
