@@ -46,6 +46,7 @@ for step in sys.stdin:
         thread = threading.Thread(target=compute, args=(0.1,))
         thread.start()
         thread.join()
+        time.sleep(0.05)  # The kernel's thread ends a moment later.
     elif step == "child\\n":
         kept = os.fork()
         if kept == 0:
