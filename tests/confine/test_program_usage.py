@@ -23,11 +23,13 @@ block = bytes(2**18)
 def compute(until_s):
     while time.thread_time() < until_s:
         hashlib.sha256(block)
-go = threading.Event()
+begun, go, done = threading.Event(), threading.Event(), threading.Event()
 def later():
     compute(0.03)
+    begun.set()
     go.wait()
     compute(0.13)
+    done.set()
     time.sleep(600)
 def child(then):
     compute(0.1)
@@ -38,20 +40,24 @@ for step in sys.stdin:
         late.start()
         for _ in range(8):
             threading.Thread(target=time.sleep, args=(600,), daemon=True).start()
-        time.sleep(0.2)
+        begun.wait()
+        time.sleep(0.1)
     elif step == "one thread\\n":
         go.set()
-        time.sleep(0.4)
+        done.wait()
+        time.sleep(0.05)
     elif step == "ended thread\\n":
         thread = threading.Thread(target=compute, args=(0.1,))
         thread.start()
         thread.join()
         time.sleep(0.05)  # The kernel's thread ends a moment later.
     elif step == "child\\n":
+        reading, writing = os.pipe()
         kept = os.fork()
         if kept == 0:
-            child(lambda: time.sleep(600))
-        time.sleep(0.4)
+            child(lambda: os.write(writing, b"done") and time.sleep(600))
+        os.read(reading, 4)
+        time.sleep(0.05)
     elif step == "ended child\\n":
         os.kill(kept, 9)
         os.wait()
