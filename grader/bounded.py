@@ -246,8 +246,11 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
 
 
 def _is_for_memory(error: Exception) -> bool:
-    """Return whether an exception was raised because memory was missing."""
-    if isinstance(error, MemoryError):
+    """Return whether an exception was raised because memory was missing.
+
+    Where an allocation fails, CPython raises SystemError in some places: "error return without exception set".
+    """
+    if isinstance(error, MemoryError | SystemError):
         return True
     return getattr(error, "errno", None) == errno.ENOMEM
 

@@ -28,6 +28,18 @@ def load_oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
 
 def load_file(lab_folder: Path, file: str) -> ModuleType:
     """Execute a Python file of a lab, as a module; raises ValueError if it is missing."""
+    try:
+        state = (lab_folder / file).stat()
+    except OSError:
+        changes = (0, 0, 0)
+    else:
+        changes = (state.st_ino, state.st_size, state.st_mtime_ns)
+    return _module_of(lab_folder, file, changes)
+
+
+@lru_cache(maxsize=64)
+def _module_of(lab_folder: Path, file: str, _changes: tuple[int, int, int]) -> ModuleType:
+    """Return a file of a lab as a module; numbers that differ after a change let the file be read again."""
     path = (lab_folder / file).resolve()
     if not (path.is_relative_to(lab_folder.resolve()) and path.is_file()):
         raise ValueError(f"there is no file {file} beside the rubric")

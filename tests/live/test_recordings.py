@@ -203,15 +203,19 @@ def test_a_grading_without_memory_for_judging_leaves_its_points_open(
     """The result names the limit and replaces an earlier one, and the recordings can be judged again."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
-        {"observe": {"duration_s": 0.5, "first_message_on": "/chatter", "timeout_s": 20}},
+        {"observe": {"duration_s": 3, "first_message_on": "/chatter", "timeout_s": 20}},
         {"interrupt": {"process": "talker"}},
     ]
-    lab = make_lab(tmp_path, {"talker": TALKER}, {"only": steps}, checks=[published("/chatter")])
+    long_talker = TALKER.replace("uuid.uuid4().hex", "uuid.uuid4().hex * 50_000")
+    lab = make_lab(
+        tmp_path, {"talker": long_talker}, {"only": steps}, checks=[published("/chatter")]
+    )
     lab.results.mkdir()
     (lab.results / result_folder.RESULT_FILE).write_text("of an earlier grading")
     options = pipeline.Options(Path(sys.executable))
     with monkeypatch.context() as small:
-        bound = dataclasses.replace(judgement.JUDGING_BOUND, memory_bytes=4096)
+        # Enough to judge without the session, and less than its messages have.
+        bound = dataclasses.replace(judgement.JUDGING_BOUND, memory_bytes=64 * 2**20)
         small.setattr(judgement, "JUDGING_BOUND", bound)
         small.setattr(judgement, "SPARING_BOUND", bound)
         result = pipeline.grade(
