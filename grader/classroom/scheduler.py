@@ -21,7 +21,7 @@ _POLL_S = 0.1
 ROOM_SHARE, ROOM_S = 0.1, 0.3
 #: Largest number of slots; a request for all of them runs alone.
 MOST_SLOTS = 32
-#: Slots for each core, spare ones included. A session of Lab 09-01 needs 0.15 to 0.18 of a core: with four slots for
+#: Slots for each core, spare ones included. A usual session needs 0.15 to 0.18 of a core: with four slots for
 #: each of two cores, these were busy 68 % of the time, and 90 % with six.
 SLOTS_PER_CORE = 6
 

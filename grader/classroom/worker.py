@@ -111,7 +111,7 @@ class Here(ExitStack):
     async def _wait_for_room(self, sessions: int) -> None:
         """Wait until fewer submissions run than usually keep the slots in use, or until no session waits for a slot.
 
-        Each running submission needs memory, 18 MB in Lab 09-01.
+        Each running submission needs memory, usually 18 MB.
         """
         usual = self._machine.submissions(sessions)
         most = self._machine.slots + self._machine.spare
