@@ -285,7 +285,7 @@ def _run(
                 environment=environment,
                 slot=slot,
                 cwd=temporary,
-                timeout_s=max(1.0, left_s),
+                timeout_s=left_s,
             )
             answer = json.loads(done.stdout.strip().rsplit("\n", 1)[-1])
             if isinstance(answer, dict):
