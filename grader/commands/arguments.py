@@ -190,6 +190,13 @@ def interpreter_for(chosen: Path | None, read_rubric: Callable[[], Rubric]) -> P
     return students_python(read_rubric().lab.requirements)
 
 
+def likely_interpreter(chosen: Path | None) -> Path:
+    """Return the interpreter that `interpreter_for` will probably return, before the rubric is read."""
+    if chosen == _OF_LAB:
+        return interpreter_of(None)
+    return interpreter_of(chosen)
+
+
 def add_ros(parser: _ActionsContainer) -> None:
     """Add `--ros`."""
     words = (

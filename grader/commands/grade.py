@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import importlib
 import os
 import resource
 import sys
@@ -30,6 +31,7 @@ from grader.commands.arguments import (
     each,
     interpreter_of,
     least_isolation,
+    likely_interpreter,
     parser_of,
     print_error,
     print_note,
@@ -207,21 +209,31 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Grade the submissions; returns the exit status."""
     parser = make_parser()
     options = parser.parse_args(arguments)
-    if options.scheduler is None:
-        _note_limits(console)
+    if options.scheduler is not None:
+        return _run(parser, options, _read_lab(options), console)
+    _note_limits(console)
+    from grader.live.sandbox.environment import require_platform
+    from grader.live.session.scheduler import LocalScheduler
+
+    require_platform()
+    # The sandbox test and the fork server load a second core while this process imports more, and reads the rubric.
+    with LocalScheduler(likely_interpreter(options.python), options.jobs) as local:
+        importlib.import_module("grader.pipeline")
+        local.load()
+        rubric = _read_lab(options)
+        if options.ros is None:
+            require_platform(options.python)
+        options.local = local.for_interpreter(options.python)
+        return _run(parser, options, rubric, console)
+
+
+def _read_lab(options: argparse.Namespace) -> Rubric:
+    """Read the rubric, which says where students' code runs unless options do."""
     from grader.judging import rubrics
 
     rubric = rubrics.read_rubric(options.rubric)
     options.python, options.ros = students_side(options.python, rubric, options.ros)
-    if options.scheduler is not None:
-        return _run(parser, options, rubric, console)
-    from grader.live.sandbox.environment import require_platform
-    from grader.live.session.scheduler import LocalScheduler
-
-    if options.ros is None:
-        require_platform(options.python)
-    with LocalScheduler(options.python, options.jobs) as options.local:
-        return _run(parser, options, rubric, console)
+    return rubric
 
 
 def _note_limits(console: Console) -> None:

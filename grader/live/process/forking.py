@@ -185,18 +185,22 @@ class ForkingServer:
 
     def _ask(self, request: bytes, output: int, errors: int) -> None:
         self._is_asked = True
+        self._send(request, output, errors)
+
+    def _send(self, request: bytes, output: int, errors: int) -> None:
         socket.send_fds(self._link, [request], [output, errors])
 
 
 def serve(
     link: socket.socket,
-    program_of: Callable[[bytes], Program],
+    program_of: Callable[[bytes], Program | None],
     needed: Sequence[ForkingServer] = (),
 ) -> None:
     """Fork a program for each request until the socket is closed, and then kill those that still run.
 
     A request comes with two descriptors, the program's standard output and error. `program_of` raises `OSError` if the
-    program cannot be started. As soon as one of the `needed` servers has ended, this one ends too, with its forks.
+    program cannot be started, and returns None for a request that starts none. As soon as one of the `needed` servers has
+    ended, this one ends too, with its forks.
     """
     null = os.open(os.devnull, os.O_RDONLY)
     outputs: dict[int, int] = {}
@@ -234,17 +238,21 @@ def serve(
 
 
 def _fork(
-    program_of: Callable[[bytes], Program], request: bytes, descriptors: tuple[int, int, int]
+    program_of: Callable[[bytes], Program | None],
+    request: bytes,
+    descriptors: tuple[int, int, int],
 ) -> int | None:
-    """Fork the program of a request, and return its process id; None, and a line of output, if that failed.
+    """Fork the program of a request, and return its process id; None if that failed, or if there is no program.
 
-    `descriptors` are its standard input, output and error.
+    `descriptors` are its standard input, output and error. The output gets a line with the process id or the reason.
     """
     server = os.getpid()
     output = descriptors[1]
     told, telling = os.pipe()
     try:
         program = program_of(request)
+        if program is None:
+            return None
         forked = _forked(program)
         if forked == 0:
             os.close(telling)

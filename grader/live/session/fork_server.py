@@ -76,12 +76,17 @@ class ForkServer(ForkingServer):
     """The process that forks the first processes of sandboxes; a context, at whose end all started processes end.
 
     `likely` are names of message and service types, and absolute paths of the lab's programs. They are loaded for all
-    sessions, and may be set anew until the first request.
+    sessions, and may be set anew until the first request that starts something.
     """
 
     def __init__(self, likely: Collection[str | Path] = ()) -> None:
         super().__init__(__name__, [], trusted_environment(Path("/"), 0))
         self.likely = likely
+
+    def load(self, form: Form) -> None:
+        """Have the server load the modules for all labs, in parallel with this process; `form` as for `start_sandbox`."""
+        with Path(os.devnull).open("wb") as null, suppress(ConnectionError):
+            self._send(form.value.encode(), null.fileno(), null.fileno())
 
     def request(self, form: Form, plan: Path | None = None) -> bytes:
         """Return the message that asks for the session of a plan, or for a branch."""
@@ -139,11 +144,35 @@ class _Branch(ForkServer):
         """Leave it to the server, with which it ends at the latest."""
 
 
-def _load_ros(likely: Sequence[str]) -> None:
-    """Import the modules and types of directors and reference nodes, and start nothing."""
+def _load(form: Form, likely: Sequence[str]) -> None:
+    """Load the modules for all sessions, and the likely types and programs, unless they are loaded."""
+    new = set(likely) - _loaded
+    if not _loaded:
+        # First, because the modules start threads, and the kernel then refuses.
+        enter_own_mounts(form)
+        _load_ros()
+        new.update(_STANDARD_TYPES)
+    if not new:
+        return
+    _load_types(sorted(new))
+    _loaded.update(new)
+    # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
+    gc.freeze()
+    gc.enable()
+
+
+def _load_ros() -> None:
+    """Import the modules of directors, and start nothing."""
     importlib.import_module("grader.live.ros_node.director")
     importlib.import_module("rclpy").get_rmw_implementation_identifier()
-    types = [*_STANDARD_TYPES, *_types_in(likely)]
+    # Students' processes read these, and may write nothing beside them.
+    for folder in (INSIDE_FOLDER, LAUNCHING_FOLDER):
+        compileall.compile_dir(folder, quiet=2)
+
+
+def _load_types(likely: Sequence[str]) -> None:
+    """Load the types and the programs' modules, and the libraries of the types."""
+    types = list(_types_in(likely))
     for name in types:
         with suppress(Exception):  # Missing types are reported by the step that needs them.
             interface = importlib.import_module("grader.live.ros_node.graph").interface_named(name)
@@ -153,9 +182,6 @@ def _load_ros(likely: Sequence[str]) -> None:
             type_hash_of(recorded)
     libraries = importlib.import_module("grader.live.ros_node.libraries")
     libraries.load_type_support(types)
-    # Students' processes read these, and may write nothing beside them.
-    for folder in (INSIDE_FOLDER, LAUNCHING_FOLDER):
-        compileall.compile_dir(folder, quiet=2)
 
 
 def _types_in(likely: Sequence[str]) -> Iterator[str]:
@@ -167,19 +193,18 @@ def _types_in(likely: Sequence[str]) -> Iterator[str]:
             yield name
 
 
-def _program_of(request: bytes) -> Program:
-    """Return the first process of a sandbox, or a branch of this server; loads all modules the first time."""
-    word, name, *likely = map(os.fsdecode, request.split(b"\0"))
-    form, plan = Form(word), Path(name)
-    if not _loaded:
-        enter_own_mounts(
-            form
-        )  # First, because the modules start threads, and the kernel then refuses.
-        _load_ros(likely)
-        _loaded.append(form)
-        # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
-        gc.freeze()
-        gc.enable()
+def _program_of(request: bytes) -> Program | None:
+    """Return the first process of a sandbox, or a branch of this server; None for a request to load modules alone.
+
+    Each request loads missing modules and types.
+    """
+    word, *started = map(os.fsdecode, request.split(b"\0"))
+    form = Form(word)
+    _load(form, started[1:])
+    if not started:
+        return None
+    name = started[0]
+    plan = Path(name)
     watch = _link_to_watch()
     if not name:
         return Program(
@@ -197,8 +222,8 @@ def _program_of(request: bytes) -> Program:
     )
 
 
-#: The form of sandboxes with all modules loaded.
-_loaded: list[Form] = []
+#: Loaded types and programs; none before the modules for all sessions are loaded.
+_loaded: set[str] = set()
 #: Process id of the CPU watch, and the link to it. A server and its branches share one, because each watch wakes up
 #: two hundred times a second on each core.
 _watches: list[tuple[int, socket.socket]] = []

@@ -23,10 +23,10 @@ from confine.isolation import Isolation
 from confine.machine import wait_for_calm
 from grader.bounded import Bound, begun
 from grader.live.sandbox.probing import probe_isolation
-from grader.live.session.fork_server import CommandsForkServer, ForkServer
 
 if TYPE_CHECKING:
     from grader.lab.rubric import SessionSpec
+    from grader.live.session.fork_server import CommandsForkServer, ForkServer
 
 #: Largest measured number of sessions per core with sound 100 Hz timing (p99 jitter under 6 ms).
 SESSIONS_PER_CORE = 2
@@ -80,8 +80,8 @@ class Scheduler(Protocol):
 class LocalScheduler(ExitStack):
     """The whole machine for one grading.
 
-    The sandbox test and the fork server start at once, while the caller still reads the submission; both end with
-    this context.
+    The sandbox test starts at once, and the fork server with `load`, while the caller still reads the rubric and the
+    submission; both end with this context.
 
     Parameters
     ----------
@@ -93,10 +93,28 @@ class LocalScheduler(ExitStack):
 
     def __init__(self, interpreter: Path, jobs: int | None = None) -> None:
         super().__init__()
+        self._interpreter = interpreter
         self._jobs = jobs
         probing = partial(probe_isolation, interpreter)
         self._probed = self.enter_context(begun(probing, _PROBING_BOUND))
-        self._forks = self.enter_context(CommandsForkServer())
+
+    def for_interpreter(self, interpreter: Path) -> LocalScheduler:
+        """Return the scheduler for students' code with an interpreter: this one, or one that ends with this context."""
+        if interpreter == self._interpreter:
+            return self
+        return self.enter_context(LocalScheduler(interpreter, self._jobs))
+
+    def load(self) -> None:
+        """Have the fork server load its modules, as soon as the test has ended."""
+        self._forks.load(self.isolation.form)
+
+    @cached_property
+    def _forks(self) -> CommandsForkServer:
+        """Fork server with the modules that this process has imported by its first use."""
+        # Its import takes a tenth of a second; the sandbox test runs meanwhile.
+        from grader.live.session.fork_server import CommandsForkServer
+
+        return self.enter_context(CommandsForkServer())
 
     @cached_property
     def isolation(self) -> Isolation:

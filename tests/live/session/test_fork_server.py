@@ -50,6 +50,34 @@ def named(name: str) -> list[int]:
     return [pid for pid in below(os.getpid()) if name_of(pid) == name]
 
 
+def test_a_server_loads_before_the_first_session_is_known(tmp_path: Path) -> None:
+    """The server then has the libraries of ROS, and has started nothing; a lab's types are loaded later."""
+    with ForkServer() as forks:
+        forks.load(FORM)
+        until(lambda: "rmw_fastrtps" in libraries_of(process_id_of_server()), 60)
+        server = process_id_of_server()
+        assert named("cpu watch") == []
+        assert "geometry_msgs" not in libraries_of(server)
+        forks.likely = ["geometry_msgs/msg/Twist"]
+        _, said = asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
+        assert said == b"ended 1\n"
+        assert "geometry_msgs" in libraries_of(server)
+
+
+def test_a_server_that_only_loads_ends_at_once() -> None:
+    """An error in the rubric's text comes while it loads; nobody waits for it then."""
+    with ForkServer() as forks:
+        forks.load(FORM)
+    assert named("fork server") == []
+    with pytest.raises(ValueError, match="not enough values"):
+        process_id_of_server()
+
+
+def libraries_of(pid: int) -> str:
+    """Return the list of the files in a process's memory."""
+    return Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
+
+
 def test_a_plan_that_cannot_be_read_ends_its_sandbox_only(tmp_path: Path) -> None:
     """The next one is served as well, and the reason is in the file of errors."""
     with ForkServer() as forks:
