@@ -29,8 +29,8 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import EARLIER_FILE
-from grader.submission.artifacts import given_texts
 from grader.submission.submission_time import submission_time_of
+from grader.submission.texts import given_texts
 from ros_bag.definitions import DefinitionNotFound, definition_of
 from ros_bag.elements import MOST_VALUES
 from ros_bag.reading import Stream

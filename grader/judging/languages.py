@@ -6,9 +6,8 @@ import functools
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from grader.cohort.entries import ClassEntry
 from grader.errors import GraderError
 from grader.judging.rubrics import rubric_of_class
 from grader.lab.lab_languages import lab_catalogues
@@ -17,6 +16,9 @@ from grader.languages.catalogue import NAMES, engine_catalogues, read_catalogues
 from grader.languages.language import ENGLISH_ONLY, Language, Languages
 from grader.recording.submission import Person
 from grader.user_cache import computed, state_of_code
+
+if TYPE_CHECKING:
+    from grader.cohort.entries import ClassEntry
 
 #: A tag, a catalogue of its language, and the time of the last change and the size of that file.
 _State: TypeAlias = tuple[str, Path, int, int]

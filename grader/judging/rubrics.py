@@ -6,8 +6,8 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from grader.cohort.entries import ClassEntry
 from grader.errors import RecordingError, RubricError, UsageError
 from grader.judging.validated import validated
 from grader.lab import kept_lab
@@ -17,6 +17,9 @@ from grader.lab.references import Kinds
 from grader.lab.rubric import Rubric
 from grader.result_folder import OVERRIDES_FILE, RECORDINGS, RUBRIC_COPY
 from grader.submission.separation import lies_within
+
+if TYPE_CHECKING:
+    from grader.cohort.entries import ClassEntry
 
 
 def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:

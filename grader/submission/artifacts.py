@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
 from grader.lab.file_patterns import anywhere, matches
-from grader.lab.rubric import FINGERPRINTS_ENDING, ArtifactSpec, Rubric
+from grader.lab.rubric import ArtifactSpec, Rubric
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
 from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
@@ -19,9 +19,8 @@ from grader.submission.file_names import MAX_TEXT_BYTES, TEXT_SUFFIXES, displaye
 from grader.submission.packages.colcon import find_packages
 from grader.submission.packages.compiled import compiled_programs
 from grader.submission.submission_time import set_submission_time
+from grader.submission.texts import decode_text, given_texts, is_text
 
-#: Byte order marks of UTF-16; editors of Windows call this encoding "Unicode".
-_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _NOTEBOOK = ".ipynb"
 #: Characters of all texts that are read; the largest texts beyond are left out.
 MAX_TEXTS_CHARACTERS = 8 * 1024 * 1024
@@ -188,27 +187,9 @@ def collect_files(folder: Path, record: SubmissionRecord) -> None:
         name = path.as_posix()
         record.files.append(FileFact(name, len(content), digest))
         is_read = path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES
-        is_text = b"\0" not in content or content.startswith(_UTF_16)
-        if is_read and is_text:
+        if is_read and is_text(content):
             record.texts[name] = decode_text(content)
     _limit_texts(record.texts)
-
-
-def given_texts(rubric: Rubric) -> dict[str, str]:
-    """Return the texts of the lab's handout, a file or a folder; nothing if the handout is not here."""
-    if rubric.lab.handout is None:
-        return {}
-    handout = rubric.folder / rubric.lab.handout
-    if handout.is_file():
-        paths = [handout]
-    else:
-        paths = sorted(handout.rglob("*"))
-    texts = {}
-    for path in paths:
-        if path.suffix.lower() in {*TEXT_SUFFIXES, FINGERPRINTS_ENDING} and path.is_file():
-            name = path.relative_to(rubric.folder).as_posix()
-            texts[name] = decode_text(path.read_bytes()[:MAX_TEXT_BYTES])
-    return texts
 
 
 def _files_first(path: Path) -> list[tuple[bool, str]]:
@@ -233,16 +214,6 @@ def _limit_texts(texts: dict[str, str]) -> None:
         if total <= MAX_TEXTS_CHARACTERS:
             return
         total -= len(texts.pop(path))
-
-
-def decode_text(content: bytes) -> str:
-    """Decode a text file as UTF-8, with or without byte order mark, as UTF-16 with one, else as Latin-1; never fails."""
-    if content.startswith(_UTF_16):
-        return content.decode("utf-16", errors="replace")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
 
 
 def find_artifacts(

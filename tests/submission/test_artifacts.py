@@ -16,9 +16,10 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord
 from grader.submission import artifacts as module
-from grader.submission.artifacts import decode_text, read_submission, read_submission_folder
+from grader.submission.artifacts import read_submission, read_submission_folder
 from grader.submission.extraction import Intake, SubmissionSource, open_submission
 from grader.submission.file_names import MAX_TEXT_BYTES
+from grader.submission.texts import decode_text
 
 SOLUTION = Path(__file__).resolve().parents[2] / "reference/solution"
 FILES = {

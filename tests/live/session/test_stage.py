@@ -20,8 +20,8 @@ from grader.live.session.program import StudentProgram
 from grader.live.session.stage import stage
 from grader.recording.session import OutputLine
 from grader.recording.submission import ArtifactFact, BuildFact, FileFact, SubmissionRecord
-from grader.submission.artifacts import decode_text
 from grader.submission.packages.colcon import find_packages
+from grader.submission.texts import decode_text
 from tests.ros_packages import write
 
 pytestmark = pytest.mark.slow
