@@ -1147,12 +1147,18 @@ def _until(context: Context, stream: NumericStream, last_s: float) -> NumericStr
 
 
 def _output_kept_until_s(context: Context, p: ReportedSeries) -> float | None:
-    """Return the time of the last kept line of a node that printed more; None if all was kept."""
+    """Return the time of the last kept line before Ctrl-C of a node that printed more; None if all was kept."""
     run = _last_run(context, p.artifact)
     if run is None or not run.output_dropped:
         return None
-    times_s = [line.t_s for line in run.lines]
-    return max(times_s, default=None)
+    interrupted_s = run.interrupted_s
+    if interrupted_s is None:
+        interrupted_s = math.inf
+    last_s = None
+    for line in run.lines:
+        if line.t_s < interrupted_s:
+            last_s = line.t_s
+    return last_s
 
 
 #: Number of median intervals without a message after which a new value comes.

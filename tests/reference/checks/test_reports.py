@@ -350,6 +350,10 @@ def test_output_that_was_not_kept_costs_nothing(tmp_path: Path) -> None:
     process.output, process.output_dropped_bytes = process.output[: len(process.output) // 2], 1000
     whole = judged(REPORTED_SERIES, SERIES, session)
     assert judged(REPORTED_SERIES, SHARE, session) == whole
+    # The output after Ctrl-C is kept again.
+    process.interrupted_ns = at(times[-1] + 1)
+    process.output.append(OutputLine(at(times[-1] + 2), "stdout", "Mean: [1.0]"))
+    assert judged(REPORTED_SERIES, SHARE, session) == whole
 
 
 def test_printing_too_much_does_not_hide_that_reports_are_missing(tmp_path: Path) -> None:
