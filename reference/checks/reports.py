@@ -734,11 +734,26 @@ def _nothing_printed(
     hint = (
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
+    if _ended_by_interrupt(run):
+        reason += " KeyboardInterrupt ended the program before it could be."
+        hint = (
+            "Catch KeyboardInterrupt around the line of yours that the traceback in the output names last, "
+            "and print the numbers after it."
+        )
     nothing = failed(expected, "no such line", reason, hint=hint)
     _, text = _source(context, p.artifact)
     if hidden_exception(text) is not None:
         nothing = _explained_by_source(context, p.artifact, nothing)
     return unexplained(nothing)
+
+
+def _ended_by_interrupt(run: Run | None) -> bool:
+    """Tell whether a program ended with a traceback of KeyboardInterrupt."""
+    if run is None:
+        return False
+    if run.exit_status == 0:
+        return False
+    return any(line.text == "KeyboardInterrupt" for line in run.lines)
 
 
 def _empty_line(p: ReportedStatistics, run: Run | None) -> str:

@@ -503,6 +503,21 @@ def test_the_line_of_one_stored_object_is_named(tmp_path: Path, stored: str, wor
     assert is_named == (stored == "self.error")
 
 
+@pytest.mark.parametrize(("status", "is_named"), [(1, True), (0, False)])
+def test_an_interrupt_that_ends_a_program_is_named(
+    tmp_path: Path, status: int, is_named: bool
+) -> None:
+    """A handler around another line is no help; a program that only prints the word ends without an error."""
+    session = with_reports(*stimulus(tmp_path))
+    process = session.record.processes[0]
+    process.exit_status = status
+    process.output.append(OutputLine(at(9.0), "stderr", "KeyboardInterrupt"))
+    finding = judged(REPORTED_STATISTICS, STATISTICS, session)
+    assert finding.outcome is Outcome.FAILED
+    assert ("KeyboardInterrupt ended the program" in finding.reason) == is_named
+    assert ("traceback" in finding.hint) == is_named
+
+
 @pytest.mark.parametrize(("number", "credit"), [("0.06", 1), ("0.07", 0), ("0.060", 0)])
 def test_two_decimals_are_enough(tmp_path: Path, number: str, credit: int) -> None:
     """Numbers printed with two decimals are compared to two decimals, others to all of theirs."""
