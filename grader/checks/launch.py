@@ -32,12 +32,12 @@ from grader.checks.preconditions import environment_gap_of
 from grader.checks.service import parameter_cause
 from grader.evidence import bounds
 from grader.evidence.bounds import MANY_DELAYS, Delayed
-from grader.evidence.build_faults import build_fault
+from grader.evidence.build_faults import BuildFault, build_fault
 from grader.evidence.compiled import not_assessable, unbuilt_programs, why_not_built
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.environment_gap import absent_module
-from grader.evidence.installed_faults import start_fault, use_fault
+from grader.evidence.installed_faults import executable_fault, start_fault, use_fault
 from grader.evidence.newer_python import python_needed
 from grader.evidence.recorded import Floats, NumericStream, Recorded, clock_step_s
 from grader.evidence.timing import timing_of
@@ -745,7 +745,7 @@ def _charged_once(
     if context.path_of(wanted.artifact) is None:
         missing = replace(part, reason=f"The file for {wanted.node} is missing.")
         return context.excuse_part(missing, wanted.charged_by)
-    cause = _parameter_cause(context, entry, wanted)
+    cause = _cause_of_end(context, entry, wanted)
     if not context.charged_under(cause):
         alone = _broken_alone(context, entry, wanted)
         if alone:
@@ -775,12 +775,38 @@ def _broken_alone(context: Context, entry: Process, wanted: WantedNode) -> str:
     return f"The program does not run alone either, by another fault, which is charged under '{title}'."
 
 
-def _parameter_cause(context: Context, entry: Process, wanted: WantedNode) -> str | None:
-    """Name the mistake of a parameter's type, if that ended a launched node; None for another end."""
+def _cause_of_end(context: Context, entry: Process, wanted: WantedNode) -> str | None:
+    """Name the mistake of an entry point or of a parameter's type that ended a launched node; None for another end."""
+    faulty = _entry_fault(context, entry)
+    if faulty is not None:
+        return build_cause(faulty.package)
     found = _diagnosis(context, entry)
     if found is None or found.kind != "parameter-type":
         return None
     return parameter_cause(wanted.node, found.subject)
+
+
+@dataclass(frozen=True)
+class _EntryFault:
+    """The fault of an entry point, and its package."""
+
+    package: PackageFact
+    fault: BuildFault
+
+
+def _entry_fault(context: Context, entry: Process) -> _EntryFault | None:
+    """Return the fault of the entry point of a launched process; None if it may lead to a function."""
+    submission = context.submission
+    for package in submission.packages:
+        build = submission.build_of(package)
+        if build is None:
+            continue
+        if package.name != entry.package:
+            continue
+        fault = executable_fault(package, build, submission.texts, entry.runs)
+        if fault is not None:
+            return _EntryFault(package, fault)
+    return None
 
 
 def _environment_gap(context: Context, entry: Process, wanted: WantedNode) -> str | None:
@@ -897,6 +923,12 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     if not run.ended_unasked:
         return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=(location,))
     ended = f"{executable} ended with status {run.exit_status}"
+    faulty = _entry_fault(context, entry)
+    if faulty is not None:
+        fault = faulty.fault
+        reason = f"{ended}. {fault.message}"
+        at_fault = Location(file=fault.file, line=fault.line)
+        return Part(0.0, "", reason, hint=fault.remedy, where=(location, at_fault))
     found = context.explain(run)
     if found is None:
         shown = "."

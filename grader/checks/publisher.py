@@ -149,11 +149,26 @@ def _never_sent(
     measured = f"{found_type} on {used}, no message recorded"
     if not _ran_on(context, p.artifact):
         return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
-    part = Part(p.silent_credit, measured, reason, hint=_NO_TIMER_HINT)
+    hint = _silent_hint(context, p.artifact)
+    part = Part(p.silent_credit, measured, reason, hint=hint)
     costs = _endpoint_costs(context, p, endpoints, found_type)
     costs += p.node_faults([endpoint.node for endpoint in endpoints])
     silent = of_parts(expected, [part], costs=costs, where=(context.location(p.topic),))
     return unexplained(replace(silent, is_silent=True))
+
+
+def _silent_hint(context: Context, artifact: str) -> str:
+    """Say how to mend a program that ran on and sent nothing; its only timer may have had no time to fire."""
+    period_s = _only_period_s(_timers(context))
+    if period_s is None:
+        return _NO_TIMER_HINT
+    for run in context.session.processes_of(artifact):
+        if run.interrupted_ns is None:
+            continue
+        lasted_s = (run.interrupted_ns - run.started_ns) / 1e9
+        if period_s >= lasted_s:
+            return _SECONDS_HINT
+    return _NO_TIMER_HINT
 
 
 def _ran_on(context: Context, artifact: str) -> bool:
@@ -186,6 +201,10 @@ def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint
 _NO_TIMER_HINT = (
     "Call publish() from a timer that the node creates, and spin the node. With use_sim_time, which belongs into the "
     "launch file, timers wait for /clock, which nobody sends here."
+)
+_SECONDS_HINT = (
+    "Give create_timer() its period in seconds, as a number below 1 for several messages a second: the timer first fires "
+    "after one period, and the program was stopped before."
 )
 
 
@@ -285,10 +304,11 @@ def _pacing_hint(context: Context, p: TopicRate, timers: Sequence[Claim]) -> str
         if _SLEEP.search(context.submission.texts.get(path or "", "")):
             return "Publish from a timer: a loop with a sleep adds the time of its work to each period."
         return ""
-    if len(timers) > 1 or not _NUMBER.fullmatch(timers[0].name):
+    period_s = _only_period_s(timers)
+    if period_s is None:
         return ""
     wanted_s = 1 / p.rate_hz
-    if abs(float(timers[0].name) / wanted_s - 1) > p.full_within:
+    if abs(period_s / wanted_s - 1) > p.full_within:
         return f"Give the timer a period of {wanted_s:g} s."
     return _SHORT_CALLBACK_HINT
 
@@ -486,9 +506,19 @@ def _compared(rate_hz: float, p: TopicRate) -> str:
 
 def _by_timer(timers: Sequence[Claim]) -> str:
     """State the period of the node's only timer, if its source gives a number."""
-    if len(timers) != 1 or not _NUMBER.fullmatch(timers[0].name):
+    period_s = _only_period_s(timers)
+    if period_s is None:
         return ""
-    return f" The timer's period is {float(timers[0].name):g} s."
+    return f" The timer's period is {period_s:g} s."
+
+
+def _only_period_s(timers: Sequence[Claim]) -> float | None:
+    """Return the period of the node's only timer in seconds; None for several, or for no number."""
+    if len(timers) != 1:
+        return None
+    if not _NUMBER.fullmatch(timers[0].name):
+        return None
+    return float(timers[0].name)
 
 
 #: Shortest silence after which a topic has ended, in seconds and in intervals of the topic.

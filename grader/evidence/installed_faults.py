@@ -224,21 +224,32 @@ def entry_fault(
     misspelt = _group_fault(package, script, text)
     if misspelt is not None:
         return misspelt
-    modules = _installed_modules(build)
-    for name, target in package.executables.items():
-        module, _, function = target.partition(":")
-        if not function:
-            continue
-        fault = _module_fault(package, texts, module, modules)
-        if fault is None:
-            fault = _function_fault(package, texts, module, function)
+    for name in package.executables:
+        fault = executable_fault(package, build, texts, name)
         if fault is not None:
-            problem, remedy = fault
-            message = (
-                f"The executable {name} of the package {package.name} starts {target}, {problem}."
-            )
-            return BuildFault(message, remedy, script, line_with(text, target, module))
+            return fault
     return None
+
+
+def executable_fault(
+    package: PackageFact, build: BuildFact, texts: Mapping[str, str], name: str
+) -> BuildFault | None:
+    """Return the fault of an executable with an entry point that leads nowhere; None for another executable."""
+    target = package.executables.get(name, "")
+    module, _, function = target.partition(":")
+    if not function or _is_cut(build):
+        return None
+    found = _module_fault(package, texts, module, _installed_modules(build))
+    if found is None:
+        source = within(package, f"{module.replace('.', '/')}.py")
+        found = call_fault(texts.get(source), module, function)
+    if found is None:
+        return None
+    problem, remedy = found
+    message = f"The executable {name} of the package {package.name} starts {target}, {problem}."
+    script = within(package, "setup.py")
+    line = line_with(texts.get(script, ""), target, module)
+    return BuildFault(message, remedy, script, line)
 
 
 #: Group of the entry points that become executables.
@@ -317,15 +328,21 @@ def _module_fault(
     return problem, f"Add the file {path}.py, or name the module that has the function."
 
 
-def _function_fault(
-    package: PackageFact, texts: Mapping[str, str], module: str, function: str
-) -> tuple[str, str] | None:
-    """Return problem and remedy of an entry point to a function that its module surely lacks; None if it may have it."""
-    path = f"{module.replace('.', '/')}.py"
-    try:
-        tree = parse_python(texts[within(package, path)])
-    except (KeyError, SyntaxError, ValueError, RecursionError, MemoryError):
+def call_fault(text: str | None, module: str, function: str) -> tuple[str, str] | None:
+    """Return problem and remedy of an entry point to a function that its module surely lacks; None if it may have it.
+
+    Parameters
+    ----------
+    text
+        Source of the module; None if it is unknown.
+    """
+    if text is None:
         return None
+    try:
+        tree = parse_python(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+    path = f"{module.replace('.', '/')}.py"
     names = _names_in(tree)
     first, _, _ = function.partition(".")
     wanting = _arguments_of(tree, function)

@@ -734,11 +734,26 @@ def _nothing_printed(
     hint = (
         f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
     )
+    if _ended_by_interrupt(run):
+        reason += " KeyboardInterrupt ended the program before it could be."
+        hint = (
+            "Catch KeyboardInterrupt around the line of yours that the traceback in the output names last, "
+            "and print the numbers after it."
+        )
     nothing = failed(expected, "no such line", reason, hint=hint)
     _, text = _source(context, p.artifact)
     if hidden_exception(text) is not None:
         nothing = _explained_by_source(context, p.artifact, nothing)
     return unexplained(nothing)
+
+
+def _ended_by_interrupt(run: Run | None) -> bool:
+    """Tell whether a program ended with a traceback of KeyboardInterrupt."""
+    if run is None:
+        return False
+    if run.exit_status == 0:
+        return False
+    return any(line.text == "KeyboardInterrupt" for line in run.lines)
 
 
 def _empty_line(p: ReportedStatistics, run: Run | None) -> str:
@@ -1147,12 +1162,18 @@ def _until(context: Context, stream: NumericStream, last_s: float) -> NumericStr
 
 
 def _output_kept_until_s(context: Context, p: ReportedSeries) -> float | None:
-    """Return the time of the last kept line of a node that printed more; None if all was kept."""
+    """Return the time of the last kept line before Ctrl-C of a node that printed more; None if all was kept."""
     run = _last_run(context, p.artifact)
     if run is None or not run.output_dropped:
         return None
-    times_s = [line.t_s for line in run.lines]
-    return max(times_s, default=None)
+    interrupted_s = run.interrupted_s
+    if interrupted_s is None:
+        interrupted_s = math.inf
+    last_s = None
+    for line in run.lines:
+        if line.t_s < interrupted_s:
+            last_s = line.t_s
+    return last_s
 
 
 #: Number of median intervals without a message after which a new value comes.

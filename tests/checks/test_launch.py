@@ -476,6 +476,27 @@ ENDED: dict[str, Any] = {
     "ended_by": "itself",
     "exit_status": 1,
 }
+
+
+def test_an_entry_point_that_leads_nowhere_is_shown_in_its_build_file(tmp_path: Path) -> None:
+    """The node of `listen` cannot start, because setup.py names a function that its module lacks."""
+    record = submission({"arm/arm/it.py": "def main():\n    pass\n"}, it="arm/arm/it.py")
+    record.texts["arm/setup.py"] = "setup(\n  entry_points=['listen = arm.it:mian'])\n"
+    executables = {"listen": "arm.it:mian"}
+    record.packages = [PackageFact("arm", "arm", "ament_python", executables)]
+    installed = ["lib/arm/listen", "lib/python3.12/site-packages/arm/it.py"]
+    record.builds = [BuildFact("arm", "arm", "built", installed=installed)]
+    processes = [{**each, "package": "arm"} for each in BOTH]
+    session = planned(Session(tmp_path), processes=processes).node("/talker")
+    session.process("listen-1", ["AttributeError: ..."], **ENDED)
+    finding = nodes(session, record)
+    assert finding.outcome is Outcome.PARTIAL
+    assert "arm/it.py has no function mian" in finding.reason
+    assert finding.hint == "Write arm.it:main, or rename the function to mian."
+    assert finding.where[-1] == Location(file="arm/setup.py", line=2)
+    assert finding.causes == ("build of arm",)
+
+
 MISSING = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
 MISSING.append("ModuleNotFoundError: No module named 'matplotlib'")
 

@@ -209,6 +209,15 @@ def test_a_silent_timer_is_reported_with_its_period(tmp_path: Path) -> None:
     assert "/clock" in finding.hint
 
 
+def test_a_period_in_milliseconds_is_named(tmp_path: Path) -> None:
+    """A timer that first fires after the end of the program was given another unit than seconds."""
+    session = Session(tmp_path).endpoint("publisher", TOPIC).claim("timer", "20")
+    session.process("it", interrupted_ns=at(20.0))
+    finding = judged("topic_published", PUBLISHED, session)
+    assert finding.reason.endswith("The timer's period is 20 s.")
+    assert finding.hint.startswith("Give create_timer() its period in seconds")
+
+
 def test_endpoints_of_reference_nodes_are_not_the_students(tmp_path: Path) -> None:
     """A publisher of our own on the topic is no publisher of the student's."""
     session = Session(tmp_path).endpoint("publisher", TOPIC, "/ours").process()

@@ -31,6 +31,10 @@ from grader.recording.session import OutputLine, ProcessRun, Usage
 #: Output kept of one process, in bytes and in lines; further output is counted and dropped.
 MAX_OUTPUT_BYTES = 1024 * 1024
 MAX_OUTPUT_LINES = 50_000
+#: Output kept beyond that after Ctrl-C, in bytes and in lines: programs print their results at the end. A flood may leave
+#: 64 KiB in each pipe before.
+_LAST_OUTPUT_BYTES = 256 * 1024
+_LAST_OUTPUT_LINES = 10_000
 #: Output after which a process is ended, in bytes: reading it takes time from others.
 MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
@@ -66,6 +70,11 @@ class OutputRoom:
         self.lines -= 1
         return True
 
+    def widen(self) -> None:
+        """Add the room for the last output of a process."""
+        self.bytes += _LAST_OUTPUT_BYTES
+        self.lines += _LAST_OUTPUT_LINES
+
 
 class RunningProcess:
     """A started process and the record that it leaves.
@@ -91,8 +100,10 @@ class RunningProcess:
         self._usage = ProgramUsage()
         #: Its nice value, and the threads that have it.
         self._stands: tuple[int, int] | None = None
-        self._kept = self._written = 0
-        self._room = room
+        self._written = 0
+        self._rooms = (OutputRoom(MAX_OUTPUT_BYTES, MAX_OUTPUT_LINES), room)
+        #: True once a line had no room: the lines that are kept have no gaps.
+        self._is_full = False
         self._said = asyncio.Event()
         take_output: Callable[[bytes], None] = partial(self._take, _Stream("stdout"))
         if on_message is not None:
@@ -162,7 +173,7 @@ class RunningProcess:
         if self._written > MAX_FLOOD_BYTES:
             self.run.limit = "output"
             self._end_group()
-        if len(self.run.output) >= MAX_OUTPUT_LINES or not self._room.lines:
+        if self._is_full:
             self.run.output_dropped_bytes += len(stream.rest) + len(block)
             stream.rest = b""
             return
@@ -173,14 +184,25 @@ class RunningProcess:
 
     def _keep(self, t_ns: int, stream: str, line: bytes) -> None:
         cut = line[:MAX_LINE_BYTES]
-        full = self._kept + len(cut) > MAX_OUTPUT_BYTES or len(self.run.output) >= MAX_OUTPUT_LINES
-        if full or not self._room.take(len(cut)):
+        if not self._has_room(len(cut) + 1):
             self.run.output_dropped_bytes += len(line) + 1
             return
-        self._kept += len(cut) + 1
         self.run.output_dropped_bytes += len(line) - len(cut)
         self.run.output.append(OutputLine(t_ns, stream, cut.decode("utf-8", "replace")))
         self._said.set()
+
+    def _has_room(self, length: int) -> bool:
+        """Take the room for a line, unless this or an earlier line had none."""
+        for room in self._rooms:
+            if not self._is_full:
+                self._is_full = not room.take(length)
+        return not self._is_full
+
+    def _widen(self) -> None:
+        """Make room for the output that a program prints at its end."""
+        for room in self._rooms:
+            room.widen()
+        self._is_full = False
 
     async def _wait(self) -> int:
         status = await self._process.wait()
@@ -238,6 +260,7 @@ class RunningProcess:
             if pid is not None:
                 if number == signal.SIGINT:
                     self.run.interrupted_ns = time.time_ns()
+                    self._widen()
                 with suppress(ProcessLookupError):
                     os.kill(pid, number)
                 if await self.wait_exit(grace_s):

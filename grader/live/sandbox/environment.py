@@ -355,9 +355,11 @@ def _sourced_before(installation: Installation, without: Sequence[Path]) -> Inst
 
 # -- what an interpreter finds ---------------------------------------------------------------------
 
+#: A module that each program has imported, such as `__main__`, is not looked for.
 _FIND = """
 import importlib.util
-print(*(name for name in sys.argv[1:] if importlib.util.find_spec(name) is None))
+wanted = set(sys.argv[1:]).difference(sys.modules)
+print(*(name for name in sorted(wanted) if importlib.util.find_spec(name) is None))
 """
 
 
@@ -370,7 +372,10 @@ def absent_modules(installation: Installation, names: Sequence[str]) -> list[str
     absent = []
     own = _own_modules(installation)
     if own:
-        elsewhere = list(filter(lambda name: PathFinder.find_spec(name, own) is None, names))
+        elsewhere = []
+        for name in names:
+            if PathFinder.find_spec(name, own) is None:
+                elsewhere.append(name)
         absent = list(filter(_is_absent_here, elsewhere))
         unknown = sorted(set(elsewhere).difference(absent))
     if not unknown:
@@ -386,10 +391,9 @@ def _is_absent_here(name: str) -> bool:
 
     It finds all that its interpreter finds alone, and more where variables lead.
     """
-    try:
-        return importlib.util.find_spec(name) is None
-    except ValueError:  # `__main__` has no origin.
+    if name in sys.modules:
         return False
+    return importlib.util.find_spec(name) is None
 
 
 def _own_modules(installation: Installation) -> list[str]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
 
+from grader.evidence.installed_faults import call_fault
 from grader.lab.rubric import Rubric
 from grader.live.session.built import BuiltPackage, InstalledFile, built_package
 from grader.live.session.entry import function_to_call
@@ -240,10 +241,18 @@ class _Installation:
                 self._install_file(built, file, target)
                 if file.source is not None:
                     linked[file.path] = file.source
-        for name, module in built.programs.items():
-            if module in linked:
+        for name, path in built.programs.items():
+            if path not in linked:
+                continue
+            source = linked[path]
+            if self._leads_to(source, built.scripts[name]):
                 program = f"install/lib/{built.name}/{name}"
-                self._installed[linked[module]][name] = program
+                self._installed[source][name] = program
+
+    def _leads_to(self, source: str, target: str) -> bool:
+        """Return whether an entry point may call a function of a file."""
+        module, _, function = target.partition(":")
+        return call_fault(self.record.texts.get(source), module, function) is None
 
     def _install_file(self, built: BuiltPackage, file: InstalledFile, target: Path) -> None:
         """Install a file: an unchanged module as a link to its source, a copied script as a wrapper around it."""

@@ -710,6 +710,19 @@ rclpy.init()
             "class N(Node):\n    def __init__(self):\n        self.create_publisher(String, 'a', 10)\nN()\n",
             "super-init-missing",
         ),
+        (
+            "class N(Node):\n    def __init__(self):\n        self.declare_parameter('rate', 1.0)\nN()\n",
+            "super-init-missing",
+        ),
+        (
+            "class N(Node):\n    def __init__(self):\n        super().__init__('n')\n"
+            "        self.add_on_set_parameters_callback(self.changed)\n"
+            "        self.declare_parameter('rate', 1.0)\n"
+            "    def changed(self, parameters):\n        return self._limits\nN()\n",
+            "missing-attribute",
+        ),
+        ("class N(Node):\n    pass\nrclpy.spin(N)\n", "class-for-node"),
+        ("n = Node('n')\nn.create_timer(0.01, print())\nrclpy.spin(n)\n", "callback"),
         ("rclpy.shutdown()\nNode('n')\n", "not-initialised"),
         ("rclpy.init()\n", "initialised-twice"),
         ("Node('bad name')\n", "invalid-name"),

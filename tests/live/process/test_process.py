@@ -133,6 +133,37 @@ def test_long_output_is_kept_up_to_a_size() -> None:
     )
 
 
+_FLOODS = """
+import time
+for _ in range(200_000):
+    print("again" * 8)
+print("x" * 100)
+try:
+    time.sleep(60)
+except KeyboardInterrupt:
+    print("Mean: [1.0]")
+"""
+
+
+def test_the_last_output_of_a_flooding_program_is_kept() -> None:
+    """The output after Ctrl-C has room of its own, behind any amount of output before."""
+    record = ProcessRun("it", "student", [])
+
+    async def stop() -> None:
+        running = await RunningProcess.start(
+            record, [sys.executable, "-u", "-c", _FLOODS], environment={}
+        )
+        while record.output_dropped_bytes < 200_000 * 41 - MAX_OUTPUT_BYTES:
+            await asyncio.sleep(0.05)
+        assert "x" * 100 not in [line.text for line in record.output]
+        await running.stop(10)
+
+    asyncio.run(asyncio.wait_for(stop(), 60))
+    assert record.output[-1].text == "Mean: [1.0]"
+    kept = [line.text for line in record.output[:-1]]
+    assert set(kept) == {"again" * 8}
+
+
 def test_processes_of_a_session_share_their_room() -> None:
     """The processes of a session share one room for output: the second gets the rest."""
     room = OutputRoom(bytes=100, lines=5)

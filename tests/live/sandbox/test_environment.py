@@ -62,6 +62,13 @@ def test_the_grader_and_students_discover_each_other_alike() -> None:
         assert [setting.tag.rpartition("}")[2] for setting in endpoint] == ["times"]
 
 
+def test_modules_of_each_program_are_there() -> None:
+    """No interpreter says where `__main__` comes from, which left the other modules without an answer."""
+    own = wheels_of(OWN_INTERPRETER)
+    always = ["__future__", "__main__", "builtins", "sys"]
+    assert absent_modules(own, [*always, "nobody_has_this"]) == ["nobody_has_this"]
+
+
 def test_modules_that_nobody_has_need_no_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
     """To start one took each grading 0.04 s of CPU time, as each launch file imports `launch`."""
     own = wheels_of(OWN_INTERPRETER)

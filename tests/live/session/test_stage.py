@@ -393,6 +393,16 @@ def test_a_module_that_the_build_left_out_runs_from_its_source(tmp_path: Path) -
     assert "EASY-INSTALL" in script.read_text(encoding="utf-8")
 
 
+def test_an_entry_point_to_a_missing_function_leaves_the_file_to_run(tmp_path: Path) -> None:
+    """A slip in setup.py breaks `ros2 run`, and not the node, which runs by its file."""
+    entry_points = f"{MODULES}/arm_lab-0.0.0.egg-info/entry_points.txt"
+    installed = {**INSTALLED, entry_points: "[console_scripts]\ntalk = arm_lab.talk:mian\n"}
+    workspace = built_workspace(tmp_path, installed)
+    assert workspace.programs["publisher"].path == "install/lib/.artifacts/publisher"
+    assert run(wrapper(workspace)).startswith("from the package")
+    assert (workspace.folder / "install/lib/arm_lab/talk").is_file()
+
+
 def test_an_executable_in_another_folder_gets_a_wrapper(tmp_path: Path) -> None:
     """Without setup.cfg, setuptools installs into bin, and a repaired copy lets the rest be judged."""
     installed = dict(INSTALLED)

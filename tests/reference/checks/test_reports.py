@@ -350,6 +350,10 @@ def test_output_that_was_not_kept_costs_nothing(tmp_path: Path) -> None:
     process.output, process.output_dropped_bytes = process.output[: len(process.output) // 2], 1000
     whole = judged(REPORTED_SERIES, SERIES, session)
     assert judged(REPORTED_SERIES, SHARE, session) == whole
+    # The output after Ctrl-C is kept again.
+    process.interrupted_ns = at(times[-1] + 1)
+    process.output.append(OutputLine(at(times[-1] + 2), "stdout", "Mean: [1.0]"))
+    assert judged(REPORTED_SERIES, SHARE, session) == whole
 
 
 def test_printing_too_much_does_not_hide_that_reports_are_missing(tmp_path: Path) -> None:
@@ -497,6 +501,21 @@ def test_the_line_of_one_stored_object_is_named(tmp_path: Path, stored: str, wor
     assert finding.reason == f"Your numbers match the last state alone: {words}"
     is_named = "self.errors.append(self.error.copy())" in finding.hint
     assert is_named == (stored == "self.error")
+
+
+@pytest.mark.parametrize(("status", "is_named"), [(1, True), (0, False)])
+def test_an_interrupt_that_ends_a_program_is_named(
+    tmp_path: Path, status: int, is_named: bool
+) -> None:
+    """A handler around another line is no help; a program that only prints the word ends without an error."""
+    session = with_reports(*stimulus(tmp_path))
+    process = session.record.processes[0]
+    process.exit_status = status
+    process.output.append(OutputLine(at(9.0), "stderr", "KeyboardInterrupt"))
+    finding = judged(REPORTED_STATISTICS, STATISTICS, session)
+    assert finding.outcome is Outcome.FAILED
+    assert ("KeyboardInterrupt ended the program" in finding.reason) == is_named
+    assert ("traceback" in finding.hint) == is_named
 
 
 @pytest.mark.parametrize(("number", "credit"), [("0.06", 1), ("0.07", 0), ("0.060", 0)])
