@@ -111,8 +111,8 @@ class _Layout:
 
     def cover(self, folders: Iterable[Path], roots: Iterable[Path]) -> None:
         """Hide folders that are below one of the roots."""
-        seen = set(roots)
+        covering = set(roots)
         for folder in folders:
-            if not seen.isdisjoint((folder, *folder.parents)):
+            if not covering.isdisjoint((folder, *folder.parents)):
                 self.options += ["--perms", "0555", "--tmpfs", str(folder)]
                 self.options += ["--remount-ro", str(folder)]

@@ -222,7 +222,7 @@ class NetworkMemory:
             sums = self._sums.read()
         except OSError:
             return self._queued()
-        # Mostly the same few sums as before.
+        # Mostly, the sums are the same as before.
         if sums == self._calm_sums:
             return 0
         if sum(map(int, _PAGES.findall(sums))) < _NOTABLE_PAGES:

@@ -30,7 +30,7 @@ class PacketFilter:
     """The filter of one sandbox's trusted sockets.
 
     `program` gives the filter (classic BPF, as `struct sock_filter`) that protects some names, which only packets with
-    the mark may bear. Its attachment takes a third of a millisecond a socket, and begins with `arm`.
+    the mark may bear. Attaching it takes a third of a millisecond for each socket, and begins with `arm`.
     """
 
     def __init__(self, program: Callable[[Collection[bytes]], bytes]) -> None:
@@ -51,7 +51,7 @@ class PacketFilter:
     def protect(self, pid: int, name: str = "") -> None:
         """Filter packets to a process's UDP sockets, and protect its name, in hexadecimal digits.
 
-        Where sockets cannot be marked, no name is protected. Before `arm`, the sockets are marked only.
+        Where sockets cannot be marked, no name is protected. Before `arm`, the sockets are only marked.
         """
         new = dict(_udp_sockets(pid, self._known))
         for found in new.values():

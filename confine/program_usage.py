@@ -146,7 +146,7 @@ class ProgramUsage:
 class _ThreadCounters:
     """The counters of threads. Some files stay open, because opening takes longer than reading."""
 
-    #: Number of open files of all programs.
+    #: Number of open files of all programs together.
     _kept_together = 0
 
     def __init__(self) -> None:
@@ -158,14 +158,19 @@ class _ThreadCounters:
         if kept is not None:
             return kept.read()
         file = f"/proc/{tid}/schedstat"
-        has_room = len(self._kept) < _MOST_KEPT
-        if not has_room or _ThreadCounters._kept_together >= _MOST_KEPT_TOGETHER:
+        if not self._has_room():
             return read_bytes_of(file)
         kept = CounterFile(file)
         text = kept.read()
         self._kept[tid] = kept
         _ThreadCounters._kept_together += 1
         return text
+
+    def _has_room(self) -> bool:
+        """Tell whether one more file may stay open."""
+        if len(self._kept) >= _MOST_KEPT:
+            return False
+        return _ThreadCounters._kept_together < _MOST_KEPT_TOGETHER
 
     def keep_only(self, tids: Iterable[int]) -> None:
         """Close the files of all other threads."""

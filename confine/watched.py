@@ -21,9 +21,6 @@ _MOST_DELAYS = 1000
 _HISTORY = 200
 #: Time after a delay that it may still affect, in ns: two and a half intervals of a program at 100 Hz.
 _AFTER_NS = 25_000_000
-# A class reads thousands of counters a second.
-_pread = os.pread
-_read_clock = time.clock_gettime_ns
 #: A delay: its start, the length of its span, the delay itself, and how much of it the core stood still, in ns.
 Delay = list[int]
 
@@ -109,7 +106,7 @@ class Watched:
         longest_ns = 0
         for thread in self.threads[::-1]:
             try:
-                text = _pread(thread.file, 100, 0)
+                text = os.pread(thread.file, 100, 0)
                 if text == thread.text:
                     continue
                 cpu_ns, waited_ns, _ = map(int, text.split())
@@ -138,7 +135,7 @@ class Watched:
         total_ns = -self.excess_ns
         try:
             for clock in self.clocks:
-                total_ns += _read_clock(clock)
+                total_ns += time.clock_gettime_ns(clock)
         except OSError:
             return -1
         return total_ns

@@ -189,15 +189,16 @@ class _Child:
         _, ended = os.waitpid(self.process, 0)
         status = os.waitstatus_to_exitcode(ended)
         sent = b"".join(self.received)
+        has_failed = status != 0
         # Code of a lab can end its process at once, with status 0.
         if not sent:
+            has_failed = True
+        if has_failed:
             return _exceeded(self.bound, self._failure(status))
-        if status == 0:
-            outcome = pickle.loads(sent)  # from a copy of this process
-            if isinstance(outcome, _Raised):
-                return outcome.here()
-            return outcome
-        return _exceeded(self.bound, self._failure(status))
+        outcome = pickle.loads(sent)  # from a copy of this process
+        if isinstance(outcome, _Raised):
+            return outcome.here()
+        return outcome
 
     def _failure(self, status: int) -> str:
         """Return the words for an end with a status that is not 0."""

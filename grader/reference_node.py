@@ -57,7 +57,7 @@ BAD_CONFIGURATION_STATUS = 2
 FROM_INPUT = "-"
 #: Digests in a line of output, which may not be longer than 8 KiB.
 DIGESTS_IN_LINE = 500
-#: Size of messages that wait for their digests, in bytes; these then take half a millisecond.
+#: Largest size of all messages that wait for their digests, in bytes; computing these takes half a millisecond.
 MOST_WAITING_BYTES = 8 * 1024
 MATCH_POLL_NS = 10_000_000
 
@@ -171,8 +171,8 @@ class ReportingPublisher:
         self._serialize = serialize_message
         self._publisher = node.create_publisher(message_class, topic, qos)
         self._digests: list[str] = []
-        #: Messages without a digest. Between two messages, other work pushes the code of digests out of the caches: many
-        #: at a time take a part of the CPU time.
+        #: Messages without a digest. Between two messages, other work pushes the code of digests out of the caches, so
+        #: that digests of many messages at a time take less CPU time.
         self._waiting: list[bytes] = []
         self._waiting_bytes = 0
 

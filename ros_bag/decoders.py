@@ -44,7 +44,7 @@ class ReadingStore(Typestore):
         self._types: dict[str, _Type] = {}
 
     def get_msgdef(self, typename: str) -> Any:
-        """Return a type with its decoder; raises KeyError if the type, or a type in it, is missing or has none."""
+        """Return a type with its decoder; raises KeyError if the type, or a type in it, has no definition."""
         found = self._types.get(typename)
         if found is None:
             found = _Type(self, typename)

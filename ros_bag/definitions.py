@@ -155,7 +155,7 @@ def _plain_text(name: str, folders: tuple[Path, ...]) -> str:
     """Return a `.msg` text without the parts that readers of bags understand differently than rosidl.
 
     A ruler in a comment does not end the definition, each line ends with a line feed, and `char` is `uint8`. Raises
-    OSError if there is no text.
+    OSError if there is no text, because the cache keeps no error: a text installed later is found.
     """
     package, folder, stem = name.split("/")
     if folder != "msg":

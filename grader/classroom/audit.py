@@ -29,7 +29,7 @@ def note_replaced(
     result.
     """
     after = (results / name / RESULT_FILE).read_text(encoding="utf-8")
-    # To read two equal results takes 20 ms.
+    # Reading two equal results would take 20 ms.
     if before == after:
         return
     old, new = result_of_text(before), read_result(json.loads(after))

@@ -39,7 +39,7 @@ def load_file(lab_folder: Path, file: str) -> ModuleType:
 
 @lru_cache(maxsize=64)
 def _module_of(lab_folder: Path, file: str, _changes: tuple[int, int, int]) -> ModuleType:
-    """Return a file of a lab as a module; numbers that differ after a change let the file be read again."""
+    """Return a file of a lab as a module. `_changes` differs after a change of the file, which is then read again."""
     path = (lab_folder / file).resolve()
     if not (path.is_relative_to(lab_folder.resolve()) and path.is_file()):
         raise ValueError(f"there is no file {file} beside the rubric")

@@ -242,7 +242,7 @@ class OwnParameters(Parameters):
 
     @property
     def _values(self) -> dict[str, Any]:
-        """Values, which are plain data; to dump them takes 10 ms for the first time."""
+        """Values, as plain data; the first call of `model_dump` would take 10 ms."""
         return cast(dict[str, Any], self.model_extra)
 
     def references(self) -> References:

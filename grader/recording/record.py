@@ -60,14 +60,17 @@ def from_plain(kind: type[T], plain: Any) -> T:
 
 def prepare(kinds: Iterable[type[Any]]) -> None:
     """Find the readers of some dataclasses, and of those within them, so that forks of this process have them."""
-    found = list(kinds)
-    for kind in found:  # The list grows meanwhile.
+    waiting = list(kinds)
+    known: set[type[Any]] = set()
+    while waiting:
+        kind = waiting.pop()
+        if kind in known:
+            continue
+        known.add(kind)
         _readers(cast(Any, kind))
         hints = typing.get_type_hints(kind)
         for hint in hints.values():
-            for inner in _dataclasses_in(hint):
-                if inner not in found:
-                    found.append(inner)
+            waiting += _dataclasses_in(hint)
 
 
 def _dataclasses_in(hint: Any) -> Iterator[type[Any]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -109,7 +108,6 @@ def test_a_host_takes_time_from_what_was_started_and_gives_it_back() -> None:
 def test_a_busy_machine_is_left_idle() -> None:
     """The processes of a load end with it."""
     with LOADS["busy"]():
-        time.sleep(0.2)
         begun = _children()
         assert len(begun) == 7
     assert not begun & _children()

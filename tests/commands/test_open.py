@@ -36,7 +36,7 @@ def use_browser(monkeypatch: pytest.MonkeyPatch, command: str) -> None:
 
 def address_in(file: Path) -> str:
     """Return the address that the browser has written, as soon as it has."""
-    end_s = time.monotonic() + 10
+    end_s = time.monotonic() + 60
     while not file.is_file() or not file.read_text(encoding="utf-8"):
         assert time.monotonic() < end_s
         time.sleep(0.05)

@@ -20,6 +20,18 @@ FORM = "ROOT" if os.geteuid() == 0 else "USER"
 STEPS = """
 import hashlib, os, sys, threading, time
 block = bytes(2**18)
+def is_asleep(task):
+    try:
+        with open(f"/proc/{task}/stat") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] == "S"
+    except OSError:
+        return False
+def until_asleep(threads):
+    # The thread that asks is awake, and an ended one is there for a moment.
+    tasks = []
+    while len(tasks) != threads or sum(map(is_asleep, tasks)) != threads - 1:
+        time.sleep(0.01)
+        tasks = [f"self/task/{name}" for name in os.listdir("/proc/self/task")]
 def compute(until_s):
     while time.thread_time() < until_s:
         hashlib.sha256(block)
@@ -41,23 +53,24 @@ for step in sys.stdin:
         for _ in range(8):
             threading.Thread(target=time.sleep, args=(600,), daemon=True).start()
         begun.wait()
-        time.sleep(0.1)
+        until_asleep(10)
     elif step == "one thread\\n":
         go.set()
         done.wait()
-        time.sleep(0.05)
+        until_asleep(10)
     elif step == "ended thread\\n":
         thread = threading.Thread(target=compute, args=(0.1,))
         thread.start()
         thread.join()
-        time.sleep(0.05)  # The kernel's thread ends a moment later.
+        until_asleep(10)
     elif step == "child\\n":
         reading, writing = os.pipe()
         kept = os.fork()
         if kept == 0:
             child(lambda: os.write(writing, b"done") and time.sleep(600))
         os.read(reading, 4)
-        time.sleep(0.05)
+        while not is_asleep(kept):
+            time.sleep(0.01)
     elif step == "ended child\\n":
         os.kill(kept, 9)
         os.wait()
@@ -139,7 +152,7 @@ def test_a_program_with_the_same_threads_is_not_searched() -> None:
 
 #: Begins 60 threads that compute a little, and ends half of them at a line of its input.
 CROWD = """
-import sys, threading, time
+import os, sys, threading, time
 go = threading.Event()
 def work(end):
     sum(range(10_000))
@@ -147,11 +160,11 @@ def work(end):
 for end in (go, threading.Event()):
     for _ in range(30):
         threading.Thread(target=work, args=(end,), daemon=True).start()
-time.sleep(0.2)
 print("crowd", flush=True)
 sys.stdin.readline()
 go.set()
-time.sleep(0.2)
+while len(os.listdir("/proc/self/task")) > 31:
+    time.sleep(0.01)
 print("half", flush=True)
 sys.stdin.readline()
 """

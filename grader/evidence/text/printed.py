@@ -56,8 +56,9 @@ _MOST_ELEMENTS = 64
 _COARSEST = 0.005
 #: A time after every output, in ns.
 _NEVER_NS = 2**63
-#: Outputs of processes with patterns that are remembered.
+#: Largest number of remembered searches.
 _MOST_FOUND = 256
+#: Process and pattern -> the numbers that the pattern found in its output.
 _found: dict[tuple[ProcessRun, str], tuple[Report, ...]] = {}
 
 

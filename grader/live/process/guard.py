@@ -61,8 +61,6 @@ class Guard:
         self._students = students
         self._group = group
         self._areas = areas
-        #: Descriptors of the same folders, which are faster than paths ten times a second.
-        self._folders: list[int] = []
         self._sized = sized
         self._user = user
         self._on_problem = on_problem
@@ -92,16 +90,11 @@ class Guard:
             return True
         if group.exceeded() != self._noted:
             return True
-        if _is_short(group) or self._network_bytes() > _MAX_NETWORK_BYTES:
+        if _is_short(group):
             return True
-        return any(map(_is_full, self._opened_areas()))
-
-    def _opened_areas(self) -> list[int]:
-        """Return descriptors of the areas; none if the session could not make these."""
-        if not self._folders:
-            with suppress(OSError):
-                self._folders = [os.open(folder, os.O_PATH) for folder in self._areas.values()]
-        return self._folders
+        if self._network_bytes() > _MAX_NETWORK_BYTES:
+            return True
+        return any(map(_is_full, self._areas.values()))
 
     async def look(self) -> None:
         """Look once, and end the programs that exceed a limit."""
@@ -217,7 +210,7 @@ class Guard:
                     os.kill(pid, signal.SIGKILL)
 
     def _note_full_areas(self) -> None:
-        for folder in self._opened_areas():
+        for folder in self._areas.values():
             full = _full(folder)
             if full is not None:
                 self._note_for_all(full)
@@ -263,14 +256,14 @@ def _is_short(group: SandboxCgroup) -> bool:
     return group.memory_bytes() > _SHORT * MEMORY_BYTES
 
 
-def _is_full(folder: int) -> bool:
+def _is_full(folder: Path) -> bool:
     return _full(folder) is not None
 
 
-def _full(folder: int) -> str | None:
+def _full(folder: Path) -> str | None:
     """Return the exhausted resource of a file system, "disk" or "files"; None if it has room, or cannot be read."""
     try:
-        space = os.fstatvfs(folder)
+        space = os.statvfs(folder)
     except OSError:
         return None
     if space.f_bavail == 0:

@@ -192,8 +192,8 @@ class Glance(NamedTuple):
 class Endpoints:
     """The endpoints of topics as one node sees them, built anew only for topics with a changed report.
 
-    A report is a list of dictionaries. Rclpy makes objects of them, with checks of each value, for several times as much
-    as the report itself takes. A report takes twenty times as long as a glance.
+    A report is a list of dictionaries. Making rclpy's objects of these, with checks of each value, takes several times as
+    long as the report, and the report twenty times as long as a glance.
     """
 
     def __init__(self, node: Node | BareNode) -> None:

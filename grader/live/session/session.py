@@ -73,6 +73,7 @@ class Session:
         machine = MachineSampler()
 
         def sample() -> bool:
+            """Take a sample, and return False, so that another one follows."""
             students_ns = self._programs.sandbox.cpu_ns()
             self._record.machine.append(machine.sample(students_ns))
             self._programs.sample()

@@ -58,6 +58,10 @@ _LEAVES_NO_ROOM = ("processes", "memory")
 _WRITABLE = 0o622
 
 
+def _do_nothing() -> None:
+    """Stand for a function that is not given."""
+
+
 class StudentSandbox:
     """The sandbox for the student's programs of one session.
 
@@ -81,7 +85,7 @@ class StudentSandbox:
         self._prefixes = sorted(plan.interfaces.iterdir()) if plan.interfaces is not None else []
         self.seen = self._room.seen(plan.isolation)
         #: Called before each program of the student.
-        self.before_start: Callable[[], object] = bool
+        self.before_start: Callable[[], object] = _do_nothing
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
         self._taps: dict[str, PipeReader] = {}

@@ -554,10 +554,10 @@ def test_what_is_missing_is_waited_for_briefly_until_something_changes(tmp_path:
     took_s = [(step.ended_ns - step.started_ns) / 1e9 for step in waits]
     assert [step.outcome for step in waits] == ["timeout", "timeout", "timeout", "done"]
     assert min(took_s[0], took_s[2]) >= 4.0
-    assert took_s[1] < 2.0
+    assert took_s[1] < 4.0
     first, second = steps_of(recorded, "call")
     assert (first.outcome, second.outcome) == ("timeout", "done")
-    assert (first.ended_ns - first.started_ns) / 1e9 < 2.0
+    assert (first.ended_ns - first.started_ns) / 1e9 < 4.0
 
 
 def test_services_of_nodes_with_one_name_are_all_seen(tmp_path: Path) -> None:
