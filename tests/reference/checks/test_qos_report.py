@@ -134,6 +134,15 @@ def test_other_forms_are_judged_by_what_they_say(tmp_path: Path, line: str, cred
     assert reported(tmp_path, line).credit == Decimal(credit)
 
 
+@pytest.mark.parametrize(("max_ms", "credit"), [(0.98, "0.5"), (1.0, "1")])
+def test_the_slowest_of_many_messages_is_no_sooner_than_the_usual_one(
+    tmp_path: Path, max_ms: float, credit: str
+) -> None:
+    """A mean that a quick program could have is impossible with a largest latency below the usual one."""
+    finding = reported(tmp_path, row(mean_ms=0.5, max_ms=max_ms), latency_s=0.001)
+    assert finding.credit == Decimal(credit)
+
+
 @pytest.mark.parametrize(
     ("line", "said"), [("avg latency: 0.0010ms, max: 0.0030ms", True), (row(mean_ms=0.2), False)]
 )
