@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 
@@ -13,7 +14,7 @@ from grader.lab.steps.change_state import ChangeStateResult
 from grader.lab.steps.get_parameters import GetParametersResult, ParameterValue
 from grader.lab.steps.link import LinkResult
 from grader.lab.steps.plan import PlanResult, Repair
-from grader.lab.steps.publish import PublishResult
+from grader.lab.steps.publish import PublishResult, PublishStep
 from grader.lab.steps.send_goal import Cancelling, Feedback, GoalRecord, SendGoalResult
 from grader.lab.steps.set_parameters import SetParametersResult
 from grader.lab.steps.start import StartResult, StartStep
@@ -100,3 +101,14 @@ def test_kinds_are_the_keys_of_rubrics() -> None:
 def test_notes_of_results(result: StepResult, note: str) -> None:
     """The report's note on a step's result is short."""
     assert result.note() == note
+
+
+def test_a_message_keeps_what_is_infinite_or_no_number() -> None:
+    """A laser scanner sends infinity where nothing reflects, and not-a-number where it cannot tell."""
+    message = {"ranges": [4.0, math.nan, math.inf]}
+    step = PublishStep.model_construct(
+        topic="/scan", type="sensor_msgs/msg/LaserScan", message=message
+    )
+    far, nothing, infinite = step.model_dump(mode="json")["message"]["ranges"]
+    assert (far, infinite) == (4.0, math.inf)
+    assert math.isnan(nothing)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, cast
 
+from pydantic import ConfigDict
+
 from grader.lab.references import Parameters
 from grader.recording.record import from_plain
 from grader.recording.session import StepRun
@@ -73,6 +75,9 @@ class Answer:
 
 class Step(Parameters):
     """Base of the steps: the parameters that a rubric gives, and the words for them."""
+
+    #: Messages keep infinite numbers and not-a-numbers, as sensors send them.
+    model_config = ConfigDict(ser_json_inf_nan="constants")
 
     #: Key of the step in a rubric, e.g. "wait_for".
     kind: ClassVar[str]
