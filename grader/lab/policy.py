@@ -102,7 +102,9 @@ class Amount:
     def __str__(self) -> str:
         if self.percent:
             return f"{self.value:f} %"
-        return f"{self.value:f} point{'s' * (self.value != 1)}"
+        if self.value == 1:
+            return f"{self.value:f} point"
+        return f"{self.value:f} points"
 
 
 def _amount(value: Any) -> Any:

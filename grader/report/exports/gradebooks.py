@@ -169,7 +169,7 @@ class GradeBook:
         notes = {}
         if not self.line_by_line:
             for name, without in self._missing(lines).items():
-                note = f"not all have {name}, so no table has it with a gap; it is missing of"
+                note = f"not all have {name}, so no table has it with a gap; it is missing for"
                 if 0 < len(without) < len(lines):
                     notes[note] = _names(without)
         above = [found for found in lines if found.share.is_above]
