@@ -141,6 +141,8 @@ def test_the_slowest_of_many_messages_is_no_sooner_than_the_usual_one(
     """A mean that a quick program could have is impossible with a largest latency below the usual one."""
     finding = reported(tmp_path, row(mean_ms=0.5, max_ms=max_ms), latency_s=0.001)
     assert finding.credit == Decimal(credit)
+    said = "half of the recorded messages took 1.00 ms or longer" in finding.reason
+    assert said == (credit != "1")
 
 
 @pytest.mark.parametrize(
